@@ -2,7 +2,6 @@
 // ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -49,7 +48,7 @@ struct TrainOptions {
   LpipsOptions lpips;
   ServeOptions serve;
   StartOptions start;
-  std::string device, target;
+  std::string device;
   double serve_share = serve::kShare;
   bool quiet = false, json = false;
   bool talkative() const { return !quiet && !json; }
@@ -147,24 +146,10 @@ void say_background(const PictureFacts& facts) {
         fmt::join(*facts.mean_colour, ","));
 }
 
-// --quality-target, "30" or "30dB".
-std::optional<QualityTarget> quality_target(const TrainOptions& options) {
-  if (options.target.empty()) return {};
-  double value = 0;
-  const char* const end = options.target.data() + options.target.size();
-  const auto result = std::from_chars(options.target.data(), end, value);
-  const std::string_view unit(result.ptr, static_cast<std::size_t>(end - result.ptr));
-  if (result.ec != std::errc() || (!unit.empty() && unit != "dB") || !(value > 0 && value < 100))
-    fail(ErrorKind::usage, "--quality-target '{}' must be a PSNR of the test views such as 30 or 30dB",
-         options.target);
-  return QualityTarget{.psnr = value};
-}
-
 // A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
 // take.
 RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train, const Split& test, const PictureFacts& pictures,
-                           std::optional<QualityTarget>& target) {
+                           const Split& train, const PictureFacts& pictures) {
   const bool asked = !options.start.budget.empty();
   const std::size_t points = points_of(data);
   const TrainSettings base = schedule_base(start);
@@ -176,8 +161,7 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
                                   asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
   BudgetRun run = fit_budget(costs, base, train, points, budget, pictures);
   const TrainSettings short_run = rehearsal(run, base, points, budget);
-  const double rehearsed = rehearse_budget(device, short_run, train, target ? test : Split{"test", {}},
-                                           initial_model(data, train, run.settings), costs);
+  rehearse_budget(device, short_run, train, initial_model(data, train, run.settings), costs);
   run = fit_budget(costs, base, train, points, budget, pictures);
   BudgetRun aimed =
       fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
@@ -196,11 +180,6 @@ RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& de
         run.settings.cap_max, interval_text(run.seconds, times.least, times.most),
         run.longest ? "; more time would change nothing" : "");
   if (options.talkative()) say_background(pictures);
-  if (target) {
-    target = {target->psnr, rehearsed, short_run.iterations,
-              expected_psnr(rehearsed, short_run.iterations, run.settings.iterations)};
-    if (options.talkative()) print_target(*target);
-  }
   flush_out();
   return RunFigures{.seconds = run.seconds, .step_ms = step_ms, .times = times, .curve = run.curve};
 }
@@ -243,8 +222,7 @@ RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& d
   if (fits && options.talkative()) say_background(pictures);
   if (fits) return planned;
   flush_out();  // what is measured next takes half a minute
-  std::optional<QualityTarget> none;
-  return choose_schedule(options, start, device, data, train, test, pictures, none);
+  return choose_schedule(options, start, device, data, train, pictures);
 }
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
@@ -338,7 +316,6 @@ int run(const TrainOptions& options) {
   const LpipsRequest lpips = options.lpips.request();
   Start start = start_of(options.start, options.settings, ranks().first());
   if (ranks().size() > 1) check_shared(options);
-  std::optional<QualityTarget> target = quality_target(options);
   TrainSettings& settings = start.settings;
   RunFolder folder(start.out, ranks().first());
   if (!start.checkpoint) folder.check_new(options.start.overwrite);
@@ -352,8 +329,6 @@ int run(const TrainOptions& options) {
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
   const Split train_split = take_train(data, settings, !start.checkpoint);
   const Split test_split = take_test(data, settings);
-  if (target && test_split.views.empty())
-    fail(ErrorKind::data, "--quality-target is a PSNR of test views, and the data have none (--test-every)");
   folder.check_renders(test_split, settings.save_renders);
   const std::unique_ptr<Device> device =
       open_proved_device(device_of_rank(options.device), use_of(settings, options));
@@ -371,7 +346,7 @@ int run(const TrainOptions& options) {
     const PictureFacts pictures = facts_of(train_split, settings);
     planned = options.start.budget.empty()
                   ? schedule_unasked(options, start, *device, data, train_split, test_split, pictures)
-                  : choose_schedule(options, start, *device, data, train_split, test_split, pictures, target);
+                  : choose_schedule(options, start, *device, data, train_split, pictures);
   }
   run.settings = settings;
   run.end_seconds = start.end_seconds;
@@ -436,7 +411,6 @@ int run(const TrainOptions& options) {
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
       json["planned"] = figures_json(planned);
-      if (target) json["target"] = target_json(*target, outcome);
       json["actual"] = figures_json(actual);
       folder.save_metrics(json);
     }
@@ -454,8 +428,6 @@ int run(const TrainOptions& options) {
       say("learnt   background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
           learnt == Background::Learnt::sky ? " on average over all directions" : "");
     if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
-    if (json.contains("target") && !outcome.interrupted)
-      say("target   {}\n", json["target"]["reached"] == true ? "reached" : "not reached");
     if (live) say("live     {}\n", live->summary());
   }
   return guard.interrupted() ? kInterruptedExitCode : 0;
@@ -483,11 +455,6 @@ Command add_train(CLI::App& root) {
              "take more than an hour]",
              kUnaskedIterations))
       ->type_name("TIME");
-  app->add_option(
-         "--quality-target", options->target,
-         "with --budget: a PSNR of the test views, such as 30dB; says beforehand whether it looks reachable")
-      ->type_name("DB")
-      ->needs("--budget");
   app->add_option(
          "--resume", options->start.resume,
          "go on with the run in this output folder, which was interrupted, with the data and settings it has")

@@ -59,25 +59,6 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
         run);
 }
 
-void print_target(const QualityTarget& t) {
-  say("target   {:.4g} dB of the test views: {:.2f} dB after a rehearsal of {} iterations, {:.1f} to {:.1f} "
-      "dB expected at the end, {}\n",
-      t.psnr, t.rehearsed, t.rehearsal_iterations, t.expected.least, t.expected.most,
-      t.psnr <= t.expected.least  ? "so it looks reachable"
-      : t.psnr <= t.expected.most ? "so it may be reached"
-                                  : "so it looks out of reach in this time");
-}
-
-Json target_json(const QualityTarget& t, const Outcome& outcome) {
-  Json json{{"psnr", t.psnr},
-            {"rehearsed", t.rehearsed},
-            {"rehearsal_iterations", t.rehearsal_iterations},
-            {"expected", {t.expected.least, t.expected.most}},
-            {"reached", nullptr}};
-  if (const auto& end = outcome.evaluation) json["reached"] = end->metrics.mean.psnr >= t.psnr;
-  return json;
-}
-
 RunFigures actual_figures(Trainer& trainer, const Device& device) {
   return {trainer.seconds(), 1e3 * trainer.seconds() / std::max(1, trainer.iteration()),
           trainer.intersections().mean(), trainer.intersections().most, device.peak_bytes()};

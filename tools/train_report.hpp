@@ -5,7 +5,6 @@
 #include <optional>
 
 #include "host/data/dataset.hpp"
-#include "host/train/budget.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/plan_text.hpp"
@@ -29,17 +28,6 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
                  const Device& device);
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
-
-// --quality-target: PSNR of the test views [dB], as asked for, after the rehearsal of the budget, and
-// expected.
-struct QualityTarget {
-  double psnr = 0, rehearsed = 0;
-  int rehearsal_iterations = 0;
-  PsnrRange expected;
-};
-void print_target(const QualityTarget& target);
-// Also whether the last evaluation reached it.
-Json target_json(const QualityTarget& target, const Outcome& outcome);
 
 RunFigures actual_figures(Trainer& trainer, const Device& device);
 // Without what concerns files: storage, data report, planned and actual figures.

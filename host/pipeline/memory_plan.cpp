@@ -5,8 +5,11 @@
 
 #include <algorithm>
 
+#include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/device/stage_sizes.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/slot_store.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
 
@@ -160,6 +163,19 @@ class Planner {
   MemoryPlan plan_;
 };
 
+// Returns the bytes that the host needs while a state is saved: parameters and moments twice. On CPUs this is
+// the memory of the device.
+std::uint64_t saving_bytes(const MemoryPlan& plan) {
+  std::uint64_t bytes = 0;
+  bool training = false;
+  for (const MemoryItem& item : plan.items) {
+    training |= item.label == "first moments";
+    if (item.label == "parameters" || item.label == "first moments" || item.label == "second moments")
+      bytes += 2 * item.bytes;
+  }
+  return training ? bytes : 0;
+}
+
 }  // namespace
 
 std::string_view to_string(MemoryUnit unit) {
@@ -192,6 +208,34 @@ std::string summary(const MemoryPlan& plan) {
   return fmt::format("predicted {:.1f} MiB ({:.0f} B a splat, {:.0f} B a pixel, {:.0f} B an intersection)",
                      static_cast<double>(plan.total()) / (1 << 20), plan.each(MemoryUnit::splat),
                      plan.each(MemoryUnit::pixel), plan.each(MemoryUnit::intersection));
+}
+
+std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device) {
+  const MemoryItem& largest = plan.largest();
+  if (largest.bytes > device.max_allocation_bytes)
+    return fmt::format(
+        "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
+        "smaller images",
+        largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
+  const std::uint64_t slots = SlotStore::most(device) * kGradStride * sizeof(float);
+  for (const MemoryItem& item : plan.items)
+    if (item.splits && item.bytes > slots)
+      return fmt::format(
+          "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
+          "splats or smaller images",
+          item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
+  const std::string limits = memory_limits_text();
+  const bool shared = device.type == DeviceType::cpu && !limits.empty();
+  if (const std::uint64_t needed = plan.total() + (shared ? saving_bytes(plan) : 0);
+      needed > device.memory_bytes)
+    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images{}",
+                       needed >> 20, device.name, device.memory_bytes >> 20, limits);
+  return {};
+}
+
+void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
+  const std::string why = memory_shortage(plan, device);
+  if (!why.empty()) fail(ErrorKind::memory, "{}", why);
 }
 
 }  // namespace ubs

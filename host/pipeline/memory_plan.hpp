@@ -61,4 +61,10 @@ MemoryPlan plan_memory(const MemoryQuestion& question);
 // "predicted 61.2 MiB (744 B a splat, 68 B a pixel, 74 B an intersection)".
 std::string summary(const MemoryPlan& plan);
 
+// Returns why a training or rendering with this plan does not fit the device, with the numbers: its largest
+// item, its gradient slots, or its sum exceeds a limit. Returns an empty text if it fits.
+std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device);
+// Throws Error(memory) with the text of memory_shortage() unless the plan fits the device.
+void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
+
 }  // namespace ubs

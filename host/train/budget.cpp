@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
 #include <string>
 
 #include "host/base/error.hpp"
@@ -22,8 +21,6 @@ constexpr double kPilotShare = 0.1;   // of the budget
 constexpr int kRehearsalViews = 400;  // drawn at least, by at least kMinIterations steps
 constexpr const char* kRehearsalPyramid = "4:0.85,2:0.95";
 constexpr double kRehearsalShare = 0.08, kRehearsalSeconds = 20;  // at most, of the budget
-// Gained by twice the iterations of a rehearsal, and what is added to either end of the interval [dB].
-constexpr double kLeastADoubling = 0.75, kMostADoubling = 2.3, kBelow = 0.4, kAbove = 1.0;
 // Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
 // every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
@@ -237,26 +234,16 @@ TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::si
   return settings;
 }
 
-double rehearse_budget(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                       const SplatModel& initial, StepCosts& costs) {
+void rehearse_budget(Device& device, const TrainSettings& settings, const Split& train,
+                     const SplatModel& initial, StepCosts& costs) {
   const auto start = Clock::now();
-  double psnr = std::numeric_limits<double>::quiet_NaN();
-  Trainer trainer(device, settings, train, test, initial);
-  trainer.run([&](const StepReport& report) {
-    if (report.test) psnr = report.test->mean.psnr;
-    return true;
-  });
+  const Split none{"test", {}};
+  Trainer trainer(device, settings, train, none, initial);
+  trainer.run([](const StepReport&) { return true; });
   costs.over_pilot = 1;
   costs.over_pilot =
       trainer.seconds() / expected_seconds(costs, settings, train, initial.count, settings.iterations);
   costs.spent += seconds_since(start);
-  return psnr;
-}
-
-PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iterations) {
-  const double doublings = std::log2(double{1} * iterations / rehearsal_iterations);
-  const auto [least, most] = std::minmax({kLeastADoubling * doublings, kMostADoubling * doublings});
-  return {rehearsed + least - kBelow, rehearsed + most + kAbove};
 }
 
 BudgetRun fit_budget(const StepCosts& costs, const TrainSettings& settings, const Split& train,

@@ -78,17 +78,9 @@ inline constexpr double kAim = 0.9, kAimMoving = 0.8;
 // splats to as many at its end.
 TrainSettings rehearsal(const BudgetRun& run, const TrainSettings& base, std::size_t points, double budget);
 
-// Runs it: what it takes over what its steps would becomes costs.over_pilot. For fit_budget() again. Returns
-// the PSNR of the test views at its end [dB], NaN where there are none.
-double rehearse_budget(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                       const SplatModel& initial, StepCosts& costs);
-
-// Test PSNR [dB] at the end of a schedule, from that of its rehearsal: an interval that held all observed
-// runs (docs/results/2026-11-22-long-schedules.md).
-struct PsnrRange {
-  double least = 0, most = 0;
-};
-PsnrRange expected_psnr(double rehearsed, int rehearsal_iterations, int iterations);
+// Runs it: what it takes over what its steps would becomes costs.over_pilot. For fit_budget() again.
+void rehearse_budget(Device& device, const TrainSettings& settings, const Split& train,
+                     const SplatModel& initial, StepCosts& costs);
 
 // Nobody asked for a schedule: it is one of kUnaskedIterations, which come to what the published ones come to
 // (docs/results/2026-11-22-long-schedules.md), or where they take longer than kLongestUnasked one of

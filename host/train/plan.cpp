@@ -7,7 +7,6 @@
 #include <set>
 
 #include "host/base/error.hpp"
-#include "host/base/memory_limit.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/device/operations.hpp"
 #include "host/pipeline/device_groups.hpp"
@@ -19,7 +18,6 @@
 #include "host/train/stage_recorder.hpp"
 #include "host/train/timeline.hpp"
 #include "host/train/trainer.hpp"
-#include "kernels/layout.h"
 
 namespace ubs {
 namespace {
@@ -278,18 +276,6 @@ void apply_correction(RunPlan& plan) {
   plan.curve = std::move(curve);
 }
 
-// On the host while a state is saved: parameters and moments twice. Of CPUs it is the same memory.
-std::uint64_t saving_bytes(const MemoryPlan& plan) {
-  std::uint64_t bytes = 0;
-  bool training = false;
-  for (const MemoryItem& item : plan.items) {
-    training |= item.label == "first moments";
-    if (item.label == "parameters" || item.label == "first moments" || item.label == "second moments")
-      bytes += 2 * item.bytes;
-  }
-  return training ? bytes : 0;
-}
-
 }  // namespace
 
 bool spreads_fast(const TrainSettings& s) { return s.lr_scale >= kFastScale; }
@@ -341,74 +327,12 @@ std::vector<double> assumed_curve(const TrainSettings& settings, std::size_t ini
   return time_curve(settings, assumed_levels(settings, 1, grown), start, end);
 }
 
-MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
-                               const DeviceInfo& device, std::size_t splats) {
-  const ParameterLayout layout(settings.dim, settings.variant);
-  MemoryQuestion question{
-      .dim = settings.dim,
-      .variant = layout.variant,
-      .trained_rows = trained_rows(layout, frozen_groups(layout, settings.freeze)),
-      .splats = splats,
-      .views = train.views.size() + test.views.size(),
-      .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
-      .learns_sky = settings.background.learnt != Background::Learnt::no,
-      .appearances = settings.appearance == Appearance::none ? 0 : train.views.size(),
-      .raster = raster_kind(settings.raster, device),
-      .sorts_by_copying = device.sorts_by_copying,
-      .compute_units = device.compute_units};
-  std::uint64_t largest = 0;  // bytes of an image
-  for (const Split* split : {&train, &test})
-    for (const View& view : split->views) {
-      const Camera& camera = view.camera;
-      const std::uint64_t pixels =
-          std::uint64_t{static_cast<unsigned>(camera.width)} * static_cast<unsigned>(camera.height);
-      const std::uint64_t bytes = (view.masked ? 4 : 3) * pixels;
-      question.target_bytes += bytes;
-      largest = std::max(largest, bytes);
-      if (ImageShape{camera.width, camera.height}.plane() >
-          ImageShape{question.width, question.height}.plane()) {
-        question.width = camera.width;
-        question.height = camera.height;
-      }
-    }
-  if (question.target_bytes > kTargetBudgetBytes)
-    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
-  return question;
-}
-
-std::string misfit(const MemoryPlan& plan, const DeviceInfo& device) {
-  const MemoryItem& largest = plan.largest();
-  if (largest.bytes > device.max_allocation_bytes)
-    return fmt::format(
-        "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
-        "smaller images",
-        largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
-  const std::uint64_t slots = SlotStore::most(device) * kGradStride * sizeof(float);
-  for (const MemoryItem& item : plan.items)
-    if (item.splits && item.bytes > slots)
-      return fmt::format(
-          "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
-          "splats or smaller images",
-          item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
-  const std::string limits = memory_limits_text();
-  const bool shared = device.type == DeviceType::cpu && !limits.empty();
-  if (const std::uint64_t needed = plan.total() + (shared ? saving_bytes(plan) : 0);
-      needed > device.memory_bytes)
-    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images{}",
-                       needed >> 20, device.name, device.memory_bytes >> 20, limits);
-  return {};
-}
-
 std::string fit_text(const RunPlan& plan, const DeviceInfo& device) {
-  if (const std::string why = misfit(plan.memory_least, device); !why.empty()) return "does not fit: " + why;
-  if (const std::string why = misfit(plan.memory_most, device); !why.empty())
+  if (const std::string why = memory_shortage(plan.memory_least, device); !why.empty())
+    return "does not fit: " + why;
+  if (const std::string why = memory_shortage(plan.memory_most, device); !why.empty())
     return fmt::format("may not fit, with {:.2g} times the intersections: {}", plan.intersections.most, why);
   return "fits";
-}
-
-void check_fits(const MemoryPlan& plan, const DeviceInfo& device) {
-  const std::string why = misfit(plan, device);
-  if (!why.empty()) fail(ErrorKind::memory, "{}", why);
 }
 
 RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& train, const Split& test,

@@ -96,17 +96,8 @@ std::vector<double> time_curve(const TrainSettings& settings, const std::vector<
 // How time is spread over a run of which nothing is measured, in unknown units.
 std::vector<double> assumed_curve(const TrainSettings& settings, std::size_t initial);
 
-// The memory that training counts on, for views of these sizes.
-MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
-                               const DeviceInfo& device, std::size_t splats);
-
-// Why the plan does not fit the device, with the numbers: its largest item, its gradient slots, or its sum;
-// empty where it fits.
-std::string misfit(const MemoryPlan& plan, const DeviceInfo& device);
 // "fits", or "may not fit: ..." at the upper end of the interval, or "does not fit: ..." at the lower one.
 std::string fit_text(const RunPlan& plan, const DeviceInfo& device);
-// Throws Error(memory) saying so.
-void check_fits(const MemoryPlan& plan, const DeviceInfo& device);
 
 // Throws Error(memory) where training would before its first iteration. `from_points`: the data brought them;
 // `stages`: also which kernels run.

@@ -9,9 +9,9 @@
 #include "host/device/operations.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/train/evaluate.hpp"
-#include "host/train/plan.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs {
@@ -177,7 +177,7 @@ void build_kernels(Device& device, const TrainSettings& settings, const Split& t
     on_coarse.learn(on_coarse.stages());
   }
   for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate(more);
-  if (splats_at(settings, initial.count, settings.iterations) >= kManySplats) {
+  if (Schedule(settings, initial.count).splats_at(settings.iterations) >= kManySplats) {
     Rehearsal rehearsal(device, settings, train.views[0], copies(initial, kManySplats));
     rehearsal.learn(rehearsal.stages());
   }

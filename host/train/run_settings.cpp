@@ -11,6 +11,7 @@
 #include "host/scene/frozen_groups.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/settings.hpp"
+#include "host/train/target_images.hpp"
 
 namespace ubs {
 
@@ -101,6 +102,41 @@ TrainSettings resolve_automatic(TrainSettings s) {
   if (s.lr_opacity == kAuto) s.lr_opacity = gaussian ? 0.025 : 0.05;
   if (s.lr_scale == kAuto) s.lr_scale = gaussian ? 0.02 : 0.005;
   return s;
+}
+
+MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
+                               const DeviceInfo& device, std::size_t splats) {
+  const ParameterLayout layout(settings.dim, settings.variant);
+  MemoryQuestion question{
+      .dim = settings.dim,
+      .variant = layout.variant,
+      .trained_rows = trained_rows(layout, frozen_groups(layout, settings.freeze)),
+      .splats = splats,
+      .views = train.views.size() + test.views.size(),
+      .loss_rows = static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every),
+      .learns_sky = settings.background.learnt != Background::Learnt::no,
+      .appearances = settings.appearance == Appearance::none ? 0 : train.views.size(),
+      .raster = raster_kind(settings.raster, device),
+      .sorts_by_copying = device.sorts_by_copying,
+      .compute_units = device.compute_units};
+  std::uint64_t largest = 0;  // bytes of an image
+  for (const Split* split : {&train, &test})
+    for (const View& view : split->views) {
+      const Camera& camera = view.camera;
+      const std::uint64_t pixels =
+          std::uint64_t{static_cast<unsigned>(camera.width)} * static_cast<unsigned>(camera.height);
+      const std::uint64_t bytes = (view.masked ? 4 : 3) * pixels;
+      question.target_bytes += bytes;
+      largest = std::max(largest, bytes);
+      if (ImageShape{camera.width, camera.height}.plane() >
+          ImageShape{question.width, question.height}.plane()) {
+        question.width = camera.width;
+        question.height = camera.height;
+      }
+    }
+  if (question.target_bytes > kTargetBudgetBytes)
+    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
+  return question;
 }
 
 }  // namespace ubs

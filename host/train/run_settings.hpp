@@ -6,7 +6,9 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
+#include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/scene/dataset.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/spec/train_settings.hpp"
 
@@ -35,5 +37,10 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 // Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel
 // gaussian 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
 TrainSettings resolve_automatic(TrainSettings settings);
+
+// Returns the question about the device memory of a training with `splats` splats at most, for the image
+// sizes of these views. The number of intersections is left at 0.
+MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
+                               const DeviceInfo& device, std::size_t splats);
 
 }  // namespace ubs

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/timed_stages.hpp"
 
-#include "host/base/stopwatch.hpp"
-
 namespace ubs {
 namespace {
 
@@ -28,10 +26,10 @@ Outcome TimedStages::run(const Operation& operation) {
   Account& account = accounts_[operation.index() == kBuild ? kCount : operation.index()];
   ++account.calls;
   if (!sampling_) return stages_->run(operation);
-  const Clock::time_point start = Clock::now();
+  const double start = time_.seconds();
   Outcome outcome = stages_->run(operation);
   device_.finish();
-  account.seconds += seconds_since(start);
+  account.seconds += time_.seconds() - start;
   ++account.sampled;
   return outcome;
 }

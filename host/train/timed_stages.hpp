@@ -6,11 +6,11 @@
 #pragma once
 
 #include <array>
-#include <chrono>
 #include <memory>
 #include <string_view>
 #include <vector>
 
+#include "host/base/time_source.hpp"
 #include "host/device/stages.hpp"
 
 namespace ubs {
@@ -23,7 +23,8 @@ struct StageTime {
 
 class TimedStages final : public Stages {
  public:
-  TimedStages(Device& device, std::unique_ptr<Stages> stages) : device_(device), stages_(std::move(stages)) {}
+  TimedStages(Device& device, std::unique_ptr<Stages> stages, const TimeSource& time)
+      : device_(device), stages_(std::move(stages)), time_(time) {}
 
   // At the start of every iteration: samples each 53rd (a prime, so that it meets all views and does not keep
   // step with refinement), and from its start an iteration that `refines`, which has
@@ -45,6 +46,7 @@ class TimedStages final : public Stages {
 
   Device& device_;
   std::unique_ptr<Stages> stages_;
+  const TimeSource& time_;
   bool training_ = false, sampling_ = false;
   std::array<Account, kOperationNames.size()> accounts_;
 };

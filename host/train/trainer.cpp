@@ -6,10 +6,8 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/base/stopwatch.hpp"
 #include "host/scene/extent.hpp"
 #include "host/train/inquest.hpp"
-#include "host/train/plan.hpp"
 
 namespace ubs {
 namespace {
@@ -22,24 +20,27 @@ TrainSettings settings_for(TrainSettings settings, const SplatModel& initial) {
   return resolve_automatic(std::move(settings));
 }
 
-std::unique_ptr<TimedStages> training_stages(Device& device, const TrainSettings& settings) {
-  return std::make_unique<TimedStages>(device, make_stages(device, training_config(settings, device.info())));
+std::unique_ptr<TimedStages> training_stages(Device& device, const TrainSettings& settings,
+                                             const TimeSource& time) {
+  return std::make_unique<TimedStages>(device, make_stages(device, training_config(settings, device.info())),
+                                       time);
 }
 
-// Training time: what lies between stop() and go_on() does not count.
+// Adds the training time to `seconds`. The time between the last read() and the next go_on() is not counted.
 class TrainingClock {
  public:
-  explicit TrainingClock(double& seconds) : seconds_(seconds), before_(seconds) {}
-  void read() { seconds_ = before_ + seconds_since(start_); }
+  TrainingClock(const TimeSource& time, double& seconds)
+      : time_(time), seconds_(seconds), before_(seconds), start_(time.seconds()) {}
+  void read() { seconds_ = before_ + time_.seconds() - start_; }
   void go_on() {
     before_ = seconds_;
-    start_ = Clock::now();
+    start_ = time_.seconds();
   }
 
  private:
+  const TimeSource& time_;
   double& seconds_;
-  double before_;
-  Clock::time_point start_ = Clock::now();
+  double before_, start_;
 };
 
 // Rows of `stride` on the device to rows of `count`, and back with zeros in between.
@@ -73,13 +74,14 @@ std::size_t own_capacity(int splats, std::size_t initial, const Communicator& ra
 }  // namespace
 
 Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-                 SplatModel initial, Communicator& ranks)
-    : ranks_(ranks),
+                 SplatModel initial, Communicator& ranks, const TimeSource& time)
+    : time_(time),
+      ranks_(ranks),
       device_(device),
       settings_(settings_for(settings, initial)),
       views_(device, settings_, train, test),
       schedule_(settings_, initial.count, scene_extent(train.views)),
-      stages_(training_stages(device, settings_)),
+      stages_(training_stages(device, settings_, time)),
       model_(device, own_part(initial, ranks), own_capacity(settings.cap_max, initial.count, ranks)),
       renderer_(device, *stages_),
       guard_(device, settings_.on_nan) {
@@ -445,7 +447,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   double evaluated = progress_.seconds;
   if (guard_.wants_state()) guard_.keep(state(true));
   bool go_on = true;
-  TrainingClock clock(progress_.seconds);
+  TrainingClock clock(time_, progress_.seconds);
   while (go_on && progress_.iteration < settings_.iterations) {
     step();
     clock.read();

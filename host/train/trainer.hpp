@@ -10,6 +10,7 @@
 #include <optional>
 #include <vector>
 
+#include "host/base/time_source.hpp"
 #include "host/cluster/communicator.hpp"
 #include "host/cluster/deal.hpp"
 #include "host/device/operations.hpp"
@@ -60,8 +61,9 @@ class Trainer {
   // train must have images; test may be empty. All references must outlive the trainer. Several ranks share
   // splats and views, with the bits of one (docs/cluster.md): all make the same trainer and call the same of
   // what is marked "all ranks"; on_step of the first one decides.
+  // `time` measures the training time, which decides about evaluations and checkpoints by seconds.
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
-          SplatModel initial, Communicator& ranks = alone());
+          SplatModel initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
 
   // Runs to the end. on_step is called after every iteration and may return false to stop.
   // An Error leaves the state of the last whole iteration where state_is_whole() says so; a value that is not
@@ -175,6 +177,7 @@ class Trainer {
   bool save_due() const;
   void save_state();
 
+  const TimeSource& time_;
   Communicator& ranks_;
   Device& device_;
   TrainSettings settings_;

@@ -297,29 +297,5 @@ TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the en
   CHECK(evaluations("1000s") == 1);
 }
 
-TEST_CASE("cli: a budget says beforehand whether a target looks reachable") {
-  const TempFolder folder;
-  put_scene(folder / "data", 64, 6, 2);
-  const std::string command = "train data --dim 3 --cap-max 300 --init-points 200 --budget 1s ";
-  const Result low = ubs_ok(folder, command + "--out low --quality-target 3");
-  CHECK_THAT(low.out, Contains("target   3 dB of the test views") && Contains("so it looks reachable") &&
-                          Contains("target   reached"));
-  const json target = json::parse(get(folder / "low/metrics.json"))["target"];
-  CHECK(target["reached"] == true);
-  CHECK(target["psnr"] == 3);
-  CHECK(target["rehearsed"].get<double>() > 3);
-  CHECK(target["rehearsal_iterations"].get<int>() >= 100);
-  CHECK(target["expected"][0].get<double>() < target["expected"][1].get<double>());
-  const Result high = ubs_ok(folder, command + "--out high --quality-target 80dB");
-  CHECK_THAT(high.out, Contains("looks out of reach") && Contains("target   not reached"));
-  check_error(folder, command + "--out x --quality-target good", 2, "30dB");
-  check_error(folder, "train data --out x --quality-target 30", 2, "--budget");
-  put_scene(folder / "untested", 16, 3, 0);
-  const Result untested = run_ubs(folder, "train untested --out x --budget 5s --quality-target 30");
-  CHECK(untested.code == 3);
-  CHECK_THAT(untested.err, Contains("--quality-target is a PSNR of test views"));
-  CHECK_FALSE(fs::exists(folder / "x"));
-}
-
 }  // namespace
 }  // namespace ubs

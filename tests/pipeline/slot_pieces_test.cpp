@@ -11,8 +11,8 @@
 #include "host/bench/capture_stages.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
-#include "host/train/plan.hpp"
 #include "kernels/layout.h"
 #include "tests/support/device_fixture.hpp"
 
@@ -121,13 +121,13 @@ TEST_CASE("gradient slots: a plan says how many fit", "[slots][plan]") {
   device.memory_bytes = std::uint64_t{64} << 30;
   MemoryQuestion question{.dim = 6, .splats = 1000, .width = 64, .height = 64, .intersections = 100'000'000};
   CHECK(SlotStore::most(device) == std::uint64_t{8} << 24);
-  CHECK(misfit(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
+  CHECK(memory_shortage(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
   question.intersections = 200'000'000;
-  CHECK_THAT(misfit(plan_memory(question), device),
+  CHECK_THAT(memory_shortage(plan_memory(question), device),
              Catch::Contains("'gradient slots' needs 12207 MiB") && Catch::Contains("8192 MiB of them"));
   device.memory_bytes = std::uint64_t{4} << 30;
   question.intersections = 100'000'000;
-  CHECK_THAT(misfit(plan_memory(question), device), Catch::Contains("the run needs"));
+  CHECK_THAT(memory_shortage(plan_memory(question), device), Catch::Contains("the run needs"));
 }
 
 }  // namespace

@@ -220,7 +220,7 @@ TEST_CASE("budget: steps are measured on every level, and the model that trainin
       settings.cap_max = 2000;
       const BudgetRun some = fit_budget(own, settings, data.train, 0, 1e4);  // also on a busy machine
       own.over_pilot = 0;
-      rehearse_budget(*device, rehearsal(some, settings, 0, 1e9), data.train, {"test", {}}, initial, own);
+      rehearse_budget(*device, rehearsal(some, settings, 0, 1e9), data.train, initial, own);
       INFO(pyramid << ": " << own.over_pilot);
       CHECK(own.over_pilot > 0.2);
       CHECK(own.over_pilot < 20);
@@ -277,36 +277,6 @@ TEST_CASE("budget: at the end of a short schedule the rates fall to zero", "[bud
     CHECK(after(0.5, 11) != after(0, 11));
     CHECK(after(0.5, 20) == after(0.5, 19));  // the last rate is 0
     CHECK(after(0, 20) != after(0, 19));
-  }
-}
-
-TEST_CASE("budget: the expected quality holds what runs came to", "[budget]") {
-  // docs/results/2026-11-22-long-schedules.md
-  struct Run {
-    double rehearsed;
-    int rehearsal, iterations;
-    double end;
-  };
-  for (const Run& run : {Run{27.05, 177, 221, 28.13},
-                         {23.47, 173, 238, 24.92},
-                         {21.80, 209, 211, 22.26},
-                         {20.87, 222, 149, 19.33},
-                         {21.98, 155, 135, 21.88},
-                         {25.04, 322, 232, 23.72},
-                         {26.29, 267, 267, 27.23},
-                         {29.10, 400, 927, 31.95},
-                         {27.85, 400, 2913, 30.96},
-                         {23.51, 400, 1511, 25.93},
-                         {24.44, 400, 2533, 30.24},
-                         {24.19, 400, 2512, 26.88},
-                         {26.67, 400, 3068, 32.97},
-                         {28.07, 400, 3405, 35.04},
-                         {29.47, 400, 2430, 31.15}}) {
-    const PsnrRange expected = expected_psnr(run.rehearsed, run.rehearsal, run.iterations);
-    INFO(run.rehearsed << " dB after " << run.rehearsal << ", " << run.end << " after " << run.iterations);
-    CHECK(expected.least <= run.end);
-    CHECK(expected.most >= run.end);
-    CHECK(expected.most - expected.least < 6.2);  // 6.19 of lego_400: 1.4 and 1.55 a doubling
   }
 }
 

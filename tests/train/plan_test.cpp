@@ -280,9 +280,9 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
     const DeviceInfo& info = device->info();
     const MemoryPlan fitting = plan_memory(memory_question(settings, data.train, kNone, info, 100));
     DeviceInfo small = info;
-    CHECK(misfit(fitting, small).empty());
+    CHECK(memory_shortage(fitting, small).empty());
     small.memory_bytes = fitting.total() - 1;
-    CHECK(misfit(fitting, small).starts_with("the run needs "));
+    CHECK(memory_shortage(fitting, small).starts_with("the run needs "));
     RunPlan plan{.intersections = kIntersectionsInterval};
     plan.memory_least = plan.memory_most = fitting;
     CHECK(fit_text(plan, small).starts_with("does not fit: the run needs "));

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// Evaluations and checkpoints by seconds on a simulated clock: when they take place on quick, slow and loaded
+// machines and after a stop, and that the model does not depend on it.
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <functional>
+
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/simulated_time.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kIterations = 60;
+constexpr double kInterval = 10;  // seconds
+
+// What a machine does in the seconds of each iteration.
+struct Course {
+  const char* name;
+  std::function<double(int iteration)> seconds;
+};
+
+std::vector<Course> courses() {
+  return {{"as expected", [](int) { return 1.0; }},
+          {"ten times slower", [](int) { return 10.0; }},
+          {"ten times faster", [](int) { return 0.1; }},
+          {"a load in the middle", [](int i) { return i > 20 && i <= 40 ? 4.0 : 1.0; }},
+          {"stopped for ten minutes", [](int i) { return i == 30 ? 600.0 : 1.0; }},
+          {"a clock that stands still", [](int) { return 0.0; }}};
+}
+
+struct TimedRun {
+  std::vector<int> evaluations, saves;  // iterations
+  std::vector<double> seconds;          // of training, after each iteration
+  SplatModel model;
+};
+
+// The time of an iteration passes before the next one is measured. What passes in the iteration of a save is
+// not counted, because saving is not training.
+TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& data, bool saves,
+                   const Course& course) {
+  if (!saves) settings.eval_every = "10s";
+  test::SimulatedTime time;
+  Trainer trainer(device, settings, data.train, saves ? test::kNone : data.test, test::start(settings),
+                  alone(), time);
+  TimedRun run;
+  if (saves)
+    trainer.on_state({0, kInterval, [&](const TrainState& state) { run.saves.push_back(state.iteration); }});
+  trainer.run([&](const StepReport& report) {
+    if (report.test) run.evaluations.push_back(report.iteration);
+    run.seconds.push_back(report.seconds);
+    time.advance(course.seconds(report.iteration));
+    return true;
+  });
+  run.model = trainer.model();
+  return run;
+}
+
+std::vector<int> every(int first, int step) {
+  std::vector<int> iterations;
+  for (int i = first; i < kIterations; i += step) iterations.push_back(i);
+  return iterations;
+}
+
+TEST_CASE("training time: evaluations by seconds follow the clock, the model does not", "[time]") {
+  const test::Data data = test::synthetic("glossy", 16, 3);
+  const TrainSettings settings = test::short_run(3, kIterations, 200);
+  const auto device = devices_under_test()[0];
+  std::vector<float> first;
+  for (const Course& course : courses()) {
+    INFO(course.name);
+    const TimedRun run = run_timed(*device, settings, data, false, course);
+    double passed = 0;
+    std::vector<int> due;
+    for (int i = 1; i <= kIterations; ++i) {
+      CHECK(run.seconds[static_cast<std::size_t>(i - 1)] == Approx(passed).margin(1e-6));
+      const double before = i > 1 ? passed - course.seconds(i - 1) : 0;
+      if (i == kIterations ||
+          std::floor((passed + 1e-7) / kInterval) > std::floor((before + 1e-7) / kInterval))
+        due.push_back(i);
+      passed += course.seconds(i);
+    }
+    CHECK(run.evaluations == due);
+    if (first.empty()) first = run.model.values;
+    CHECK(test::same_bits(run.model.values, first));
+  }
+}
+
+TEST_CASE("training time: states are handed out by seconds of training", "[time]") {
+  const test::Data data = test::synthetic("glossy", 16, 3);
+  const TrainSettings settings = test::short_run(3, kIterations, 200);
+  const auto device = devices_under_test()[0];
+  const auto saves = [&](const Course& course) {
+    INFO(course.name);
+    return run_timed(*device, settings, data, true, course).saves;
+  };
+  const std::vector<Course> all = courses();
+  CHECK(saves(all[0]) == every(11, 11));  // ten iterations that count and the one that saves
+  CHECK(saves(all[1]) == every(2, 2));
+  CHECK(saves(all[2]).empty());  // 6 s in all
+  const std::vector<int> loaded = saves(all[3]);
+  CHECK(loaded == std::vector<int>{11, 22, 26, 30, 34, 38, 43, 54});
+  // A long stop is one interval, and the next ones begin behind it.
+  CHECK(saves(all[4]) == std::vector<int>{11, 22, 31, 42, 53});
+  CHECK(saves(all[5]).empty());
+}
+
+}  // namespace
+}  // namespace ubs
