@@ -20,7 +20,6 @@
 #include "host/run/proved_device.hpp"
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
-#include "host/train/plan.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
@@ -142,7 +141,7 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
     std::vector<std::string> said;
     ImportedSplats splats = foreign_splats(format, model, loaded.offset, reduce, said);
     if (distiller) {
-      Distilled distilled = distiller->at(reduce.time, splats, budget_seconds(options.distill) / moments);
+      Distilled distilled = distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
       splats = std::move(distilled.splats);
       said.push_back(
           fmt::format("distilled in {:.1f} s, {} iterations: {:.2f} dB against the model's own pictures, "
@@ -263,7 +262,7 @@ int run(ConvertOptions& options) {
       (source != SplatFormat::ubs || format == "ubs" || format == "dbs"))
     fail(ErrorKind::usage, "--distill and --series are of exports of our models as Gaussians");
   if (!options.distill.empty()) {
-    budget_seconds(options.distill);  // refuses what is none
+    time_budget_seconds(options.distill);  // refuses what is none
     options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }

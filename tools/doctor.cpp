@@ -20,7 +20,7 @@
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
 #include "host/stress/campaign.hpp"
-#include "host/train/expected_time.hpp"
+#include "host/base/text.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"

@@ -13,7 +13,6 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/run_cameras.hpp"
 #include "host/train/evaluate.hpp"
-#include "host/train/plan.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"

@@ -123,7 +123,6 @@ Json jobs_json(const ExperimentSpec& spec, const std::vector<Job>& jobs,
                     {"not_as_published", changed_settings(jobs[i].published, jobs[i].settings)},
                     {"start", planned("start")},
                     {"end", planned("end")},
-                    {"seconds_interval", planned("seconds_interval")},
                     {"hours", estimate.hours ? Json(*estimate.hours) : Json(nullptr)}});
   }
   return {{"experiment", spec.name}, {"runs", std::move(runs)}};

@@ -12,9 +12,9 @@
 #include "host/run/proved_device.hpp"
 #include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
-#include "host/train/expected_time.hpp"
+#include "host/base/text.hpp"
 #include "host/train/rank_plan.hpp"
-#include "host/train/rehearsal.hpp"
+#include "host/train/kernel_warm_up.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
@@ -71,7 +71,7 @@ int plan_render(PlanOptions& options) {
 
 struct TrainingInput {
   TrainSettings settings;
-  bool unasked = false;  // the schedule is the one that `ubs train` takes without --iterations
+  bool unasked = false;  // these are what `ubs train` takes without --iterations
   Dataset data;
   Split train, test;
 };
@@ -83,8 +83,8 @@ TrainingInput open_training(const PlanOptions& options) {
   warn_skipped(in.data.report);
   in.train = take_train(in.data, run.settings);
   in.test = take_test(in.data, run.settings);
-  in.unasked = run.shortened.has_value();
-  in.settings = in.unasked ? unasked_schedule(run, in.data, facts_of(in.train, run.settings)) : run.settings;
+  in.unasked = run.fast.has_value();
+  in.settings = in.unasked ? unasked_settings(run, in.data, facts_of(in.train, run.settings)) : run.settings;
   return in;
 }
 
@@ -92,20 +92,17 @@ int plan_train(const PlanOptions& options) {
   const auto [settings, unasked, data, train, test] = open_training(options);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, settings);
-  const RunPlan plan = plan_training(*device, settings, train, test, initial, data.points.has_value(), true);
-  const bool shortened = unasked && plan.seconds > kLongestUnasked;
+  const RunPlan plan = plan_training(*device, settings, train, test, initial);
   if (options.json) {
     Json json = planned_json(options, settings, *device, plan);
-    json["budget_seconds"] = shortened ? Json(kUnaskedBudget) : Json();
+    json["budget_seconds"] = unasked ? Json(kUnaskedSeconds) : Json();
     print_json(json);
     return 0;
   }
   if (unasked)
-    say("schedule   {} iterations, at most {} splats (--iterations {} for the published one)\n",
-        settings.iterations, settings.cap_max, kScheduleLength);
-  if (shortened)
-    say("           'ubs train' would not take it here, but a budget of {}: it takes longer than {}\n",
-        duration_text(kUnaskedBudget), duration_text(kLongestUnasked));
+    say("schedule   {} iterations, at most {} splats; 'ubs train' ends after {} with fewer of both "
+        "(--iterations {} for the published one)\n",
+        settings.iterations, settings.cap_max, duration_text(kUnaskedSeconds), kScheduleLength);
   say_plan(*device, plan);
   return 0;
 }

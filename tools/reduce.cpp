@@ -17,7 +17,6 @@
 #include "host/run/run_cameras.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
-#include "host/train/plan.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"

@@ -16,12 +16,10 @@
 #include "host/run/training_data.hpp"
 #include "host/serve/live.hpp"
 #include "host/spec/settings.hpp"
-#include "host/train/budget.hpp"
-#include "host/train/expected_time.hpp"
-#include "host/train/rehearsal.hpp"
+#include "host/train/kernel_warm_up.hpp"
+#include "host/train/measure_steps.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/shared_splats.hpp"
-#include "host/train/timed_end.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
@@ -30,7 +28,6 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/plan_text.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
@@ -54,34 +51,26 @@ struct TrainOptions {
   bool talkative() const { return !quiet && !json; }
 };
 
-constexpr int kProbeIterations = 600;        // a budget is measured with the splats of such a short run
-constexpr double kUnaskedMeasuring = 0.3;    // less time is spent on it when nobody asked
-constexpr int kMinPlannedIterations = 1000;  // a plan costs as much as ten to a hundred
+constexpr int kFewIterations = 600;  // steps are measured with the splats of a run of so many
 
-// `end`: changes the settings once.
-Outcome train(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
-              const InterruptGuard& guard, TrainSettings& settings, std::optional<TimedEnd>& end,
-              serve::LiveTraining* live) {
+// What a time budget has decided so far becomes part of the run's settings.
+void take_pace(const Trainer& trainer, TrainSettings& settings) {
+  settings.iterations = trainer.settings().iterations;
+  settings.work_shares = trainer.settings().work_shares;
+  settings.growth_end = trainer.settings().growth_end;
+}
+
+Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress,
+              const InterruptGuard& guard, serve::LiveTraining* live) {
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
-    if (const auto ending = end ? end->after(report) : std::nullopt) {
-      settings.iterations = ending->iterations;
-      settings.lr_cooldown = ending->lr_cooldown;
-      trainer.end_as(settings);
-      keeper.use(settings);
-      try {
-        folder.write_config(settings);
-      } catch (const Error& error) {  // a full disk: as with a checkpoint, training goes on
-        warn("config.yaml has other iterations than the run: {}", error.what());
-      }
-    }
     if (report.loss) {
       folder.log(report);
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     if (live) live->step(report);
-    outcome.interrupted = guard.interrupted() && report.iteration < settings.iterations;
+    outcome.interrupted = guard.interrupted() && report.iteration < report.iterations;
     return !outcome.interrupted;
   });
   progress.finish();
@@ -93,24 +82,26 @@ Outcome train(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& 
 // As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
 // kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
-                       const InterruptGuard& guard, TrainSettings& settings, std::optional<TimedEnd>& end,
-                       serve::LiveTraining* live) {
+                       const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
-  trainer.on_state(
-      {interval.iterations, interval.seconds, [&](const TrainState& state) { keeper.save(state); }});
+  const auto save = [&](const TrainState& state) {
+    take_pace(trainer, settings);
+    keeper.save(state, settings);
+  };
+  trainer.on_state({interval.iterations, interval.seconds, save});
   trainer.on_nonfinite([&](const NonFiniteEvent& event) {
     progress.finish();
     keeper.report(event, "train");
   });
   try {
-    const Outcome outcome = train(trainer, folder, keeper, progress, guard, settings, end, live);
-    if (outcome.interrupted) keeper.save(trainer.state());
+    const Outcome outcome = train(trainer, folder, progress, guard, live);
+    if (outcome.interrupted) save(trainer.state());
     return outcome;
   } catch (const Error& error) {
     progress.finish();
     if (ranks().size() > 1) throw;  // the others do not know
     try {
-      if (trainer.state_is_whole() && trainer.iteration() > 0) keeper.save(trainer.state());
+      if (trainer.state_is_whole() && trainer.iteration() > 0) save(trainer.state());
     } catch (const Error&) {  // the device is gone: the first error says why
     }
     if (keeper.saved_iteration() < 0) throw;
@@ -146,83 +137,44 @@ void say_background(const PictureFacts& facts) {
         fmt::join(*facts.mean_colour, ","));
 }
 
-// A schedule for --budget, or for kUnaskedBudget, in the place of the settings', and what it is expected to
-// take.
-RunFigures choose_schedule(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                           const Split& train, const PictureFacts& pictures) {
+// The settings of a run that nobody has chosen the iterations of: what fits the time budget as far as it is
+// known now, or of ranks, which have none, all of kUnaskedIterations. `warm_up`: before steps are measured.
+TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
+                           const Split& train,
+                           const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
   const bool asked = !options.start.budget.empty();
-  const std::size_t points = points_of(data);
-  const TrainSettings base = schedule_base(start);
-  TrainSettings probe = base;
-  probe.cap_max = std::min(probe.cap_max, short_run_splats(kProbeIterations, points));
-  const double budget = asked ? budget_seconds(options.start.budget) : kUnaskedBudget;
-  const SplatModel first = initial_model(data, train, probe);
-  StepCosts costs = measure_steps(device, base, train, first, points > 0,
-                                  asked ? budget : kUnaskedBudget * kUnaskedMeasuring);
-  BudgetRun run = fit_budget(costs, base, train, points, budget, pictures);
-  const TrainSettings short_run = rehearsal(run, base, points, budget);
-  rehearse_budget(device, short_run, train, initial_model(data, train, run.settings), costs);
-  run = fit_budget(costs, base, train, points, budget, pictures);
-  BudgetRun aimed =
-      fit_budget(costs, base, train, points, budget, pictures, has_time(base.dim) ? kAimMoving : kAim);
-  // A stretch that somebody has set leaves nothing to fit.
-  const bool timed =
-      !run.longest && base.lr_cooldown.stretch == 1 && TimedEnd::can_time(aimed.settings, train);
-  if (timed) run = std::move(aimed);
-  start.settings = run.settings;
-  const double step_ms = 1e3 * run.seconds / run.settings.iterations;
-  if (timed) start.end_seconds = run.seconds = budget;
-  const PlanInterval times =
-      timed ? PlanInterval{kEndLeast, kEndMost} : PlanInterval{kBudgetLeast, kBudgetMost};
-  if (options.talkative())
-    say("budget   {}, measured in {}: {}{} iterations, at most {} splats; expected {}{}\n",
-        duration_text(budget), duration_text(costs.spent), timed ? "about " : "", run.settings.iterations,
-        run.settings.cap_max, interval_text(run.seconds, times.least, times.most),
-        run.longest ? "; more time would change nothing" : "");
-  if (options.talkative()) say_background(pictures);
+  const PictureFacts pictures = facts_of(train, start.settings);
+  TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kUnaskedSeconds,
+                    .most_iterations = asked ? kScheduleLength : kUnaskedIterations};
+  if (ranks().size() > 1) {
+    start.settings = unasked_settings(start, data, pictures);
+    budget = {};
+  } else {
+    const TrainSettings base = fast_base(start);
+    const TrainSettings few = fast_settings_for(base, kFewIterations, points_of(data), pictures);
+    const SplatModel initial = initial_model(data, train, few);
+    warm_up(few, initial);
+    const auto begin = Clock::now();
+    budget.costs = measure_steps(device, few, train, initial, 2 * initial.count);
+    budget.measured = seconds_since(begin);
+    BudgetedRun run = choose_iterations(std::move(budget), base, train, points_of(data), pictures);
+    start.settings = std::move(run.settings);
+    budget = std::move(run.budget);
+  }
+  const bool ends_early = budget.seconds > 0 && start.settings.iterations < budget.most_iterations;
+  if (options.talkative()) {
+    say("schedule {}{} iterations{}, at most {} splats{}\n", ends_early ? "about " : "",
+        start.settings.iterations,
+        budget.seconds > 0 ? fmt::format(" in {}", duration_text(budget.seconds)) : "",
+        start.settings.cap_max,
+        budget.seconds > 0 ? fmt::format("; steps measured in {}", duration_text(budget.measured)) : "");
+    if (!asked)
+      say("         (--iterations {} for the published one, --budget TIME for another time)\n",
+          kScheduleLength);
+    say_background(pictures);
+  }
   flush_out();
-  return RunFigures{.seconds = run.seconds, .step_ms = step_ms, .times = times, .curve = run.curve};
-}
-
-// The plan of a new run that is long enough for one; of a continued one, its seconds.
-RunFigures planned_figures(const TrainOptions& options, const Start& start, Device& device,
-                           const Split& train, const Split& test, const SplatModel& initial,
-                           bool from_points) {
-  if (start.checkpoint) return {.seconds = start.checkpoint->planned_seconds};
-  if (options.start.no_plan || start.settings.iterations < kMinPlannedIterations) return {};
-  const RunPlan plan = plan_training(device, start.settings, train, test, initial, from_points, false);
-  device.reset_peak();
-  return figures_of(plan, device.info());
-}
-
-// Not of a schedule that was fitted to a time: that has been said.
-void print_plan(const RunFigures& planned) {
-  if (planned.memory_bytes > 0) say("plan     {}\n", figures_text(planned));
-  flush_out();
-}
-
-// The schedule where none was asked for: a long one, with its plan, or a short one where that would take too
-// long. Ranks that share a training have no plan and take the long one.
-RunFigures schedule_unasked(const TrainOptions& options, Start& start, Device& device, Dataset& data,
-                            const Split& train, const Split& test, const PictureFacts& pictures) {
-  start.settings = unasked_schedule(start, data, pictures);
-  const RunFigures planned = ranks().size() > 1 ? RunFigures{}
-                                                : planned_figures(options, start, device, train, test,
-                                                                  initial_model(data, train, start.settings),
-                                                                  data.points.has_value());
-  const bool fits = planned.seconds <= kLongestUnasked;
-  if (options.talkative())
-    say("schedule {} iterations{}\n"
-        "         (--iterations {} for the published one, --budget TIME for another time)\n",
-        kUnaskedIterations,
-        fits ? fmt::format(", at most {} splats", start.settings.cap_max)
-             : fmt::format(" would take about {} here: shortened to {}", duration_text(planned.seconds),
-                           duration_text(kUnaskedBudget)),
-        kScheduleLength);
-  if (fits && options.talkative()) say_background(pictures);
-  if (fits) return planned;
-  flush_out();  // what is measured next takes half a minute
-  return choose_schedule(options, start, device, data, train, pictures);
+  return budget;
 }
 
 serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
@@ -263,7 +215,7 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             const std::function<void()>& write) {
   const RunInterval interval = checkpoint_interval(settings);
-  if (interval.iterations > 0 || interval.seconds > 0) keeper.save(trainer.state());
+  if (interval.iterations > 0 || interval.seconds > 0) keeper.save(trainer.state(), settings);
   try {
     write();
     folder.sync_log();
@@ -277,7 +229,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
 }
 
 // The rest of its share and of its memory is that of the other ranks.
-void rehearse(Device& device, TrainSettings settings, const Split& train, const Split& test,
+void build_kernels_of_rank(Device& device, TrainSettings settings, const Split& train, const Split& test,
               const SplatModel& initial, ImageMetrics* networks) {
   const auto all = static_cast<std::uint32_t>(initial.count);
   const std::uint32_t own = largest_share(all, ranks().size());
@@ -301,11 +253,11 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
 }
 
-// Of a job with several ranks: what one process measures beforehand says nothing about it, and none has the
-// model that a visitor would see.
+// Of a job with several ranks: the clocks of their machines would have to agree on the speed of the run, and
+// none has the model that a visitor would see.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
-    fail(ErrorKind::usage, "--budget measures one process: choose --iterations where ranks share a training");
+    fail(ErrorKind::usage, "--budget is for one process: choose --iterations where ranks share a training");
   if (options.serve.option().count() > 0)
     fail(ErrorKind::usage,
          "--serve shows the model of one process: leave it out where ranks share a training");
@@ -341,29 +293,22 @@ int run(const TrainOptions& options) {
       identity(settings, absolute_path(start.data).lexically_normal().string(), data_print, *device);
   const int device_kinds = join_run(ranks(), run);
   if (start.checkpoint) check_same_run(*start.checkpoint, run, options.start.any_device);
-  RunFigures planned;
-  if (start.shortened) {
-    const PictureFacts pictures = facts_of(train_split, settings);
-    planned = options.start.budget.empty()
-                  ? schedule_unasked(options, start, *device, data, train_split, test_split, pictures)
-                  : choose_schedule(options, start, *device, data, train_split, pictures);
-  }
-  run.settings = settings;
-  run.end_seconds = start.end_seconds;
+  double build_seconds = 0;
+  const auto warm_up = [&](const TrainSettings& with, const SplatModel& initial) {
+    build_seconds += seconds_of(
+        [&] { build_kernels_of_rank(*device, with, train_split, test_split, initial, networks.get()); });
+  };
+  run.budget = start.checkpoint ? start.checkpoint->budget
+               : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
+                                : TimeBudget{};
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
-  const double build_seconds =
-      seconds_of([&] { rehearse(*device, settings, train_split, test_split, initial, networks.get()); });
+  warm_up(settings, initial);
   if (options.talkative())
     say("kernels  ready in {:.1f} s, before the clock of training starts\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  if (!start.shortened && ranks().size() == 1)
-    planned =
-        planned_figures(options, start, *device, train_split, test_split, initial, data.points.has_value());
-  if (options.talkative()) print_plan(planned);
-  run.planned_seconds = planned.seconds;
   Trainer trainer(*device, settings, train_split, test_split, initial, ranks());
   if (device_kinds > 1) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
@@ -374,34 +319,34 @@ int run(const TrainOptions& options) {
   beforehand.reset();
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
+  if (run.budget.seconds > 0) trainer.keep_to(run.budget);
   const std::vector<std::string> comments = model_comments(data, settings, train_split);
+  const double budget_seconds = run.budget.seconds;
   RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
-  if (planned.curve.empty())
-    planned.curve = assumed_curve(settings, first_splats(data, train_split, settings));
-  Progress progress(settings.iterations, options.quiet || !ranks().first(), planned.curve);
+  Progress progress(settings.iterations, options.quiet || !ranks().first());
   std::optional<serve::LiveTraining> live;
   if (server)
     live.emplace(*server, options.serve_share, *device, trainer, settings,
-                 live_scene(start, train_split, initial), planned.curve);
-  std::optional<TimedEnd> end;
-  if (start.end_seconds > 0) end.emplace(start.end_seconds, settings, train_split);
+                 live_scene(start, train_split, initial));
   Outcome outcome =
-      train_and_keep(trainer, folder, keeper, progress, guard, settings, end, live ? &*live : nullptr);
+      train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
+  take_pace(trainer, settings);
 
   const Background::Learnt learnt = settings.background.learnt;
-  RunFigures actual;
+  std::uint64_t peak_bytes = 0;
   Json json;
   std::size_t renders = 0;
   const auto write_results = [&] {
     const TrainSettings drawn = trainer.drawn_settings();
+    if (budget_seconds > 0) folder.write_config(settings);
     folder.save_model(trainer.model(), model_comments(data, drawn, train_split));
     measure_end(trainer, test_split, outcome);
-    actual = actual_figures(trainer, *device);
+    peak_bytes = device->peak_bytes();
     std::vector<double> differences;
     if (device_kinds > 1) differences = trainer.picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
     if (ranks().first()) {
-      json = run_json(start, *device, actual.memory_bytes, trainer, outcome);
+      json = run_json(start, *device, peak_bytes, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
       if (!chosen.empty()) json["chosen"] = chosen;
       if (learnt != Background::Learnt::no) json["learnt_background"] = to_string(drawn.background);
@@ -410,8 +355,7 @@ int run(const TrainOptions& options) {
       json["offset"] = data.offset;
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
-      json["planned"] = figures_json(planned);
-      json["actual"] = figures_json(actual);
+      json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
     folder.save_cameras(trainer, train_split, test_split, data.offset, !outcome.interrupted);
@@ -423,11 +367,10 @@ int run(const TrainOptions& options) {
     finish(folder, keeper, trainer, settings, write_results);
   if (options.json) print_json(json);
   if (options.talkative()) {
-    print_summary(start, folder, trainer, outcome, actual.memory_bytes, renders);
+    print_summary(start, folder, trainer, outcome, peak_bytes, renders);
     if (learnt != Background::Learnt::no)
       say("learnt   background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
           learnt == Background::Learnt::sky ? " on average over all directions" : "");
-    if (!outcome.interrupted) say("{}", comparison_text(planned, actual));
     if (live) say("live     {}\n", live->summary());
   }
   return guard.interrupted() ? kInterruptedExitCode : 0;
@@ -450,9 +393,8 @@ Command add_train(CLI::App& root) {
   app->add_option(
          "--budget", options->start.budget,
          fmt::format(
-             "train for about this time, such as 90s, 10m or 1h: chooses iterations, splats and growth "
-             "beforehand (docs/budget.md) [without --iterations {} of them, or 15m where these would "
-             "take more than an hour]",
+             "train for this time, such as 90s, 10m or 1h: iterations, splats and growth follow from what "
+             "steps take (docs/budget.md) [without --iterations {} of them or 15m, whichever ends first]",
              kUnaskedIterations))
       ->type_name("TIME");
   app->add_option(
@@ -462,9 +404,6 @@ Command add_train(CLI::App& root) {
   app->add_flag("--any-device", options->start.any_device,
                 "with --resume: also on another device (other bits)")
       ->needs("--resume")
-      ->group(kRareGroup);
-  app->add_flag("--no-plan", options->start.no_plan,
-                "measure nothing before training but what a budget needs (see 'ubs plan')")
       ->group(kRareGroup);
   app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
   add_device_option(*app, options->device);

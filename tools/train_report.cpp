@@ -59,10 +59,17 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
         run);
 }
 
-RunFigures actual_figures(Trainer& trainer, const Device& device) {
-  return {trainer.seconds(), 1e3 * trainer.seconds() / std::max(1, trainer.iteration()),
-          trainer.intersections().mean(), trainer.intersections().most, device.peak_bytes()};
+namespace {
+
+Json actual_json(Trainer& trainer, std::uint64_t peak_bytes) {
+  return {{"seconds", trainer.seconds()},
+          {"step_ms", 1e3 * trainer.seconds() / std::max(1, trainer.iteration())},
+          {"mean_intersections", trainer.intersections().mean()},
+          {"most_intersections", trainer.intersections().most},
+          {"memory_bytes", peak_bytes}};
 }
+
+}  // namespace
 
 Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
               const Outcome& outcome) {
@@ -84,6 +91,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"extent", trainer.extent()},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
+            {"actual", actual_json(trainer, peak_bytes)},
             {"test", nullptr}};
   if (const int ranks = trainer.ranks().size(); ranks > 1) {
     json["ranks"] = ranks;

@@ -7,7 +7,6 @@
 #include "host/data/dataset.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/plan_text.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/train_start.hpp"
 
@@ -29,8 +28,7 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
 
-RunFigures actual_figures(Trainer& trainer, const Device& device);
-// Without what concerns files: storage, data report, planned and actual figures.
+// Without what concerns files: storage and data report. `peak_bytes`: of training.
 Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
               const Outcome& outcome);
 

@@ -15,30 +15,30 @@
 
 namespace ubs::tools {
 
-// With --budget the settings start from those of short runs; without a word about iterations they may come
-// to.
+// With --budget the settings start from those of fast runs; without a word about iterations they come to
+// that when the data are known.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
   const bool asked = !budget.empty();
-  if (asked) budget_seconds(budget);  // refuses what is none, before anything is loaded
+  if (asked) time_budget_seconds(budget);  // refuses what is none, before anything is loaded
   const auto resolved = [&](TrainSettings base) {
     base.dim = kAutoInt;
     base.iterations = kUnsaid;
     return given.resolve(base);
   };
-  NewSettings run{.settings = resolved({}), .shortened = {}};
+  NewSettings run{.settings = resolved({}), .fast = {}};
   const bool unsaid = run.settings.iterations == kUnsaid;
   if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
   if (!unsaid) return run;
   run.settings.iterations = TrainSettings{}.iterations;
-  run.shortened = resolved(short_run_settings());
-  run.shortened->iterations = run.settings.iterations;
-  if (asked) run.settings = *run.shortened;
+  run.fast = resolved(fast_settings());
+  run.fast->iterations = run.settings.iterations;
+  if (asked) run.settings = *run.fast;
   return run;
 }
 
-TrainSettings schedule_base(const NewSettings& run) {
-  TrainSettings base = *run.shortened;
+TrainSettings fast_base(const NewSettings& run) {
+  TrainSettings base = *run.fast;
   base.dim = run.settings.dim;
   base.variant = run.settings.variant;
   base.background = run.settings.background;
@@ -54,8 +54,8 @@ PictureFacts facts_of(const Split& train, const TrainSettings& settings) {
 
 std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
 
-TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
-  return short_schedule(schedule_base(run), kUnaskedIterations, points_of(data), pictures);
+TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
+  return fast_settings_for(fast_base(run), kUnaskedIterations, points_of(data), pictures);
 }
 
 namespace {
@@ -108,13 +108,11 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  const double end_seconds = checkpoint.end_seconds;
-  return {{.settings = settings, .shortened = {}},
+  return {{.settings = settings, .fast = {}},
           options.data.empty() ? checkpoint.data : options.data,
           options.resume,
           std::move(lock),
-          std::move(checkpoint),
-          end_seconds};
+          std::move(checkpoint)};
 }
 
 }  // namespace ubs::tools

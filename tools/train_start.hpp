@@ -12,28 +12,28 @@
 #include "host/base/folder_lock.hpp"
 #include "host/data/dataset.hpp"
 #include "host/device/device.hpp"
-#include "host/train/budget.hpp"
 #include "host/train/checkpoint.hpp"
+#include "host/train/fast_settings.hpp"
 #include "tools/common/settings_options.hpp"
 
 namespace ubs::tools {
 
 struct StartOptions {
   std::string data, out, resume, budget;  // out empty: beside the data
-  bool overwrite = false, any_device = false, no_plan = false;
+  bool overwrite = false, any_device = false;
 };
 
 struct NewSettings {
   TrainSettings settings;
-  // What the schedule of a budget is made from: with --budget, and where nobody chose the iterations.
-  std::optional<TrainSettings> shortened;
+  // What the settings are made from when the data are known: with --budget, and where nobody chose the
+  // iterations.
+  std::optional<TrainSettings> fast;
 };
 
 struct Start : NewSettings {
   std::string data, out;
   std::unique_ptr<FolderLock> lock;  // of the output folder
   std::optional<Checkpoint> checkpoint;
-  double end_seconds = 0;  // as in Checkpoint
 };
 
 // A folder of that name is not there, or a run that did not begin left it: NAME-ubs beside the data NAME
@@ -43,12 +43,17 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data);
 // Of a new run; N is left to the data where nothing gives it. Throws Error(usage) for a budget that is none,
 // or beside iterations.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget = {});
-// What its schedules are made from, with what the data have decided since.
-TrainSettings schedule_base(const NewSettings& run);
+// `fast`, with what the data have decided since.
+TrainSettings fast_base(const NewSettings& run);
 PictureFacts facts_of(const Split& train, const TrainSettings& settings);
 std::size_t points_of(const Dataset& data);
-// The schedule where none was asked for, if it takes at most kLongestUnasked.
-TrainSettings unasked_schedule(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
+
+// Where nobody chose, a run has this many iterations, which come to what the published ones come to
+// (docs/results/2026-11-22-long-schedules.md), or this many seconds, whichever ends first.
+inline constexpr int kUnaskedIterations = 16000;
+inline constexpr double kUnaskedSeconds = 900;
+// The settings of such a run that has all of the iterations.
+TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
 // Holds the output folder. N is left to the data where nothing gives it. Throws Error(usage) for options that
 // are missing or exclude one another, settings that are not the run's, an output folder that another process

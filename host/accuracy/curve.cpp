@@ -8,7 +8,7 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/report/svg_chart.hpp"
-#include "host/train/rehearsal.hpp"
+#include "host/train/kernel_warm_up.hpp"
 
 namespace ubs::accuracy {
 namespace {

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 namespace ubs {
 namespace {
@@ -83,6 +84,15 @@ std::string shell_word(std::string_view bytes) {
   std::string word = "'";
   for (const char c : bytes) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
   return word + "'";
+}
+
+std::string duration_text(double seconds) {
+  if (seconds < 9.95) return fmt::format("{:.1f} s", seconds);
+  const long long s = std::llround(seconds), m = std::llround(seconds / 60);
+  if (s < 60) return fmt::format("{} s", s);
+  if (s < 600) return fmt::format("{} min {} s", s / 60, s % 60);
+  if (m < 60) return fmt::format("{} min", m);
+  return fmt::format("{} h {} min", m / 60, m % 60);
 }
 
 }  // namespace ubs

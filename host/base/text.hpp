@@ -24,6 +24,9 @@ std::string decode_text(std::string_view text);
 // For a cell of a table in Markdown: a slash for each bar, blanks for line breaks.
 std::string table_cell(std::string text);
 
+// Returns a duration for people: "4.2 s", "48 s", "6 min 5 s", "35 min", "2 h 17 min".
+std::string duration_text(double seconds);
+
 // A word of a POSIX shell that stands for these bytes: as it is where it needs no quotes.
 std::string shell_word(std::string_view bytes);
 

@@ -12,7 +12,7 @@
 #include "host/run/same_run.hpp"
 #include "host/run/training_data.hpp"
 #include "host/spec/settings.hpp"
-#include "host/train/rehearsal.hpp"
+#include "host/train/kernel_warm_up.hpp"
 
 struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;

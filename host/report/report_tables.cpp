@@ -82,6 +82,8 @@ std::vector<Quantity> summary_quantities(const ReportRuns& runs) {
       {"iterations", "", {"iterations"}, 1, 0},
       {"training", "s", {"seconds"}, 1, 1, Better::low},
       {"step", "ms", {"actual", "step_ms"}, 1, 3, Better::low},
+      {"intersections of a view, mean", "", {"actual", "mean_intersections"}, 1, 0},
+      {"intersections of a view, most", "", {"actual", "most_intersections"}, 1, 0},
       {"model file", "MiB", {"storage_bytes"}, 1 / kMiB, 2, Better::low},
       {"device memory at most", "MiB", {"peak_device_bytes"}, 1 / kMiB, 1, Better::low},
       {"device memory, planned from the start", "MiB", {"predicted_device_bytes"}, 1 / kMiB, 1},
@@ -257,42 +259,6 @@ Html stage_table(const ReportRuns& runs) {
          table(head_row(runs, "stage"), rows);
 }
 
-Html plan_table(const ReportRuns& runs) {
-  const std::vector<Quantity> quantities{{"training", "s", {"seconds"}, 1, 2},
-                                         {"step", "ms", {"step_ms"}, 1, 3},
-                                         {"intersections of a view, mean", "", {"mean_intersections"}, 1, 0},
-                                         {"intersections of a view, most", "", {"most_intersections"}, 1, 0},
-                                         {"device memory", "MiB", {"memory_bytes"}, 1 / kMiB, 2}};
-  std::vector<TableRow> rows;
-  for (const Quantity& q : quantities) {
-    TableRow row{plain(q.unit.empty() ? q.name : q.name + " [" + q.unit + "]")};
-    bool any = false;
-    for (const ReportRun& run : runs) {
-      const auto planned = run.record.number({"planned", q.path[0]}),
-                 actual = run.record.number({"actual", q.path[0]});
-      any = any || planned || actual;
-      const auto shown = [&](const std::optional<double>& v) {
-        return v && *v > 0 ? fixed(*v * q.scale, q.decimals) : kNothing;
-      };
-      row.push_back(number(shown(planned)));
-      row.push_back(number(shown(actual)));
-      row.push_back(number(planned && actual && *planned > 0 ? fixed(*actual / *planned, 2) : kNothing));
-    }
-    if (any) rows.push_back(std::move(row));
-  }
-  if (rows.empty()) return {};
-  TableRow head{plain("")};
-  for (std::size_t r = 0; r < runs.size(); ++r)
-    for (const char* column : {"planned", "actual", "actual / planned"})
-      head.push_back({(runs.size() > 1 ? run_label(runs, r) + raw(" ") : Html{}) + text(column), "number"});
-  return tag("h3", text("Planned and actual")) + table(head, rows);
-}
-
-Html side_by_side(const Html& left, const Html& right) {
-  if (left.empty() && right.empty()) return {};
-  return tag("div", {{"class", "side"}}, tag("div", left) + tag("div", right));
-}
-
 // What the loader of the data had to say.
 Html data_notes(const ReportRuns& runs) {
   Html items;
@@ -324,7 +290,7 @@ Section summary_section(const ReportRuns& runs) {
 
 Section measurements_section(const ReportRuns& runs) {
   return {"measurements", "Measurements",
-          view_table(runs) + side_by_side(stage_table(runs), plan_table(runs)) + data_notes(runs)};
+          view_table(runs) + stage_table(runs) + data_notes(runs)};
 }
 
 }  // namespace ubs

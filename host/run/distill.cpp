@@ -8,6 +8,7 @@
 #include "host/data/gaussian_model.hpp"
 #include "host/data/image.hpp"
 #include "host/run/model_session.hpp"
+#include "host/train/measure_steps.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs {
@@ -27,7 +28,7 @@ ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
 
 // Splats stay as many as they are.
 TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel& initial) {
-  TrainSettings s = short_run_settings();
+  TrainSettings s = fast_settings();
   s.dim = 3;
   s.variant = initial.variant;
   s.eps2d = kGaussianBlur;
@@ -81,10 +82,11 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
   const Split train = pictures(time);
   const SplatModel initial = exact_model(with_degree(closed_form, degree_));
   const TrainSettings settings = distilling_settings(drawing_, initial);
-  if (!costs_) costs_ = measure_steps(*device_, settings, train, initial, true, seconds);
-  const BudgetRun run = fit_budget(*costs_, settings, train, initial.count,
-                                   std::max(0.1 * seconds, seconds - seconds_since(start)));
+  if (costs_.empty()) costs_ = measure_steps(*device_, settings, train, initial, initial.count);
+  TimeBudget budget{.seconds = std::max(0.1 * seconds, seconds - seconds_since(start)), .costs = costs_};
+  const BudgetedRun run = choose_iterations(std::move(budget), settings, train, initial.count);
   Trainer trainer(*device_, run.settings, train, train, initial);
+  trainer.keep_to(run.budget);
   Distilled out;
   out.before = trainer.evaluate_test().mean.psnr_channel_mean;
   trainer.run([&](const StepReport& report) {

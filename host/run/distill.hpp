@@ -11,7 +11,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/spec/train_settings.hpp"
-#include "host/train/budget.hpp"
+#include "host/train/time_budget.hpp"
 
 namespace ubs {
 
@@ -41,7 +41,7 @@ class Distiller {
   TrainSettings drawing_;
   Split views_;
   int degree_;
-  std::optional<StepCosts> costs_;  // of a step, measured once
+  std::vector<StepCost> costs_;  // measured once
 };
 
 }  // namespace ubs

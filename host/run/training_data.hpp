@@ -8,7 +8,7 @@
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
 #include "host/spec/train_settings.hpp"
-#include "host/train/budget.hpp"
+#include "host/train/fast_settings.hpp"
 
 namespace ubs {
 

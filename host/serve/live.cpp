@@ -12,7 +12,7 @@
 #include "host/serve/page.hpp"
 #include "host/serve/painter.hpp"
 #include "host/serve/purse.hpp"
-#include "host/train/expected_time.hpp"
+#include "host/base/text.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::serve {
@@ -25,10 +25,10 @@ constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have,
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
 constexpr double kLastPictures = 2, kFresh = 1;  // seconds
 
-// The expected time, by how long what is done took.
-double seconds_left(const std::vector<double>& curve, double share, double seconds) {
-  const double all = remaining_seconds(curve, 0, 1), left = remaining_seconds(curve, share, 1);
-  return all > left ? left * seconds / (all - left) : 0;
+// What the run says, or else by what its iterations took so far.
+double seconds_left(const StepReport& report) {
+  if (report.seconds_left > 0 || report.iteration == 0) return report.seconds_left;
+  return report.seconds * (report.iterations - report.iteration) / report.iteration;
 }
 
 }  // namespace
@@ -38,7 +38,6 @@ struct LiveTraining::Implementation {
   double share;
   Device& device;
   Trainer& trainer;
-  std::vector<double> curve;
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -107,8 +106,7 @@ struct LiveTraining::Implementation {
     Json state{{"iteration", report.iteration},
                {"iterations", report.iterations},
                {"seconds", report.seconds},
-               {"left", seconds_left(curve, static_cast<double>(report.iteration) / report.iterations,
-                                     report.seconds)},
+               {"left", seconds_left(report)},
                {"splats", report.splats},
                {"memory", device.allocated_bytes()},
                {"peak", device.peak_bytes()},
@@ -122,8 +120,8 @@ struct LiveTraining::Implementation {
 };
 
 LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
-                           const TrainSettings& settings, const Scene& scene, std::vector<double> curve)
-    : own_(new Implementation{server, share / 100, device, trainer, std::move(curve)}) {
+                           const TrainSettings& settings, const Scene& scene)
+    : own_(new Implementation{server, share / 100, device, trainer}) {
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());

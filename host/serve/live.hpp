@@ -31,11 +31,10 @@ struct Scene {
 // time, and the bits of the training stay what they are without.
 class LiveTraining {
  public:
-  // Builds the kernels, draws a first picture, and answers from now on. `curve`: expected seconds at equal
-  // steps of the iterations. `share`: percent of the time that visitors may cost. What is referred to must
-  // outlive this.
+  // Builds the kernels, draws a first picture, and answers from now on. `share`: percent of the time that
+  // visitors may cost. What is referred to must outlive this.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
-               const Scene& scene, std::vector<double> curve);
+               const Scene& scene);
   ~LiveTraining();
 
   void step(const StepReport& report);

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "host/base/background.hpp"
-#include "host/base/cooldown.hpp"
 #include "host/base/index_range.hpp"
 
 namespace ubs {
@@ -50,7 +49,7 @@ struct Field {
   const char* key;  // snake_case; the option is --key with hyphens
   const char* help;
   std::variant<int Settings::*, std::uint64_t Settings::*, double Settings::*, bool Settings::*,
-               std::string Settings::*, Background Settings::*, IndexRange Settings::*, Cooldown Settings::*,
+               std::string Settings::*, Background Settings::*, IndexRange Settings::*,
                ChoiceRef (*)(Settings&)>
       member;
   double min = -std::numeric_limits<double>::infinity();  // inclusive
@@ -63,7 +62,7 @@ struct Field {
 // A field bound to one settings object; what the readers and writers of settings work on.
 struct FieldValue {
   using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, Background*, IndexRange*,
-                               Cooldown*, ChoiceRef>;
+                               ChoiceRef>;
   const char* key;
   const char* help;
   Pointer value;

@@ -86,19 +86,6 @@ bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to
   return true;
 }
 
-// SHARE, or SHARE:STRETCH.
-bool assign_cooldown(const FieldValue& field, std::string_view text, Cooldown& to) {
-  constexpr double kMaxStretch = 1000;
-  const auto parts = split(text, ':');
-  const auto share = parse<double>(parts[0]);
-  const auto stretch = parts.size() > 1 ? parse<double>(parts[1]) : 1;
-  if (parts.size() > 2 || !share || !stretch || !(*share >= field.min && *share <= field.max) ||
-      !(*stretch >= 1 / kMaxStretch && *stretch <= kMaxStretch))
-    return false;
-  to = {*share, *stretch};
-  return true;
-}
-
 std::string_view learnt_word(Background::Learnt learnt) {
   return learnt == Background::Learnt::colour ? "learn" : "sky";
 }
@@ -172,7 +159,6 @@ bool assign(const FieldValue& field, std::string_view text) {
                              },
                              [&](Background* to) { return assign_background(field, text, *to); },
                              [&](IndexRange* to) { return assign_range(field, text, *to); },
-                             [&](Cooldown* to) { return assign_cooldown(field, text, *to); },
                              [&](const ChoiceRef& to) {
                                const auto words = split(field.choices, '|');
                                const auto at = std::ranges::find(words, text);
@@ -290,7 +276,6 @@ std::string field_text(const FieldValue& field) {
                [](const bool* v) { return std::string(*v ? "true" : "false"); },
                [](const std::string* v) { return *v; }, [](const Background* v) { return to_string(*v); },
                [](const IndexRange* v) { return to_string(*v); },
-               [](const Cooldown* v) { return to_string(*v); },
                [&](const ChoiceRef& v) { return choice_text(field, v); }},
       field.value);
 }
@@ -310,7 +295,6 @@ std::string field_domain(const FieldValue& field) {
                  return fmt::format("FIRST:END:STEP{}{}", range,
                                     field.automatic ? ", or nothing for all" : "");
                },
-               [&](Cooldown*) { return "number" + range + ", or SHARE:STRETCH"; },
                [&](const ChoiceRef&) { return std::string(field.choices); }},
       field.value);
 }
@@ -362,12 +346,6 @@ nlohmann::ordered_json to_json(FieldValues fields) {
                             json[field.key] = *v;
                         },
                         [&](const IndexRange* v) { json[field.key] = to_string(*v); },
-                        [&](const Cooldown* v) {
-                          if (v->stretch == 1)
-                            json[field.key] = v->share;
-                          else
-                            json[field.key] = to_string(*v);
-                        },
                         [&](const ChoiceRef& v) { json[field.key] = choice_text(field, v); },
                         [&](const Background* v) {
                           if (*v == Background{v->colour})

@@ -87,14 +87,21 @@ const Field<S> kFields[] = {
      &conditioning, -1, 1, false, "auto|covariance|direct"},
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
+    {"work_shares",
+     "share of the work that is done after some iterations, as --budget records it: ITERATION:SHARE,..., such "
+     "as 90:0.05,200:0.1; empty: in proportion to the iterations",
+     &S::work_shares},
     {"batch", "views per step", &S::batch, 1, 1024},
     {"pyramid",
-     "train on reduced images first: factors and the share of the iterations where each ends, such as "
+     "train on reduced images first: factors and the share of the work where each ends, such as "
      "4:0.2,2:0.5; empty: whole images throughout",
      &S::pyramid},
     {"refine", "refinements after iteration FIRST, before END, every STEP (of 30 000); 0:0:1: none",
      &S::refine, 0, 30000},
     {"growth", "splats after / before a refinement", &S::growth, 1, 10},
+    {"growth_end",
+     "share of the work from which on no splats are added, as --budget records it where time runs short",
+     &S::growth_end, 0, 1},
     {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
@@ -117,8 +124,7 @@ const Field<S> kFields[] = {
      "(docs/cluster.md)",
      &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
     {"lr_cooldown",
-     "share of the run at its end over which all learning rates fall to 0, linearly; SHARE:STRETCH, as "
-     "--budget writes it: the last 15 % of the schedule take STRETCH times their iterations",
+     "share of the work at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
      10},
@@ -213,6 +219,7 @@ void validate(const TrainSettings& s) {
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);
+  share_points(s);
   if (s.refine.first > s.refine.end || s.refine.step < 1)
     fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, not falling", to_string(s.refine));
   if (s.frames.empty())
@@ -243,6 +250,38 @@ static bool take_number(const char*& at, const char* end, char closing, T& value
   at = result.ptr;
   if (at == end) return closing == ',';  // none follows the last one
   return *at++ == closing && (closing != ',' || at != end);
+}
+
+std::vector<SharePoint> share_points(const TrainSettings& s) {
+  std::vector<SharePoint> points;
+  const char* at = s.work_shares.data();
+  const char* const end = at + s.work_shares.size();
+  while (at != end) {
+    SharePoint point;
+    const SharePoint before = points.empty() ? SharePoint{} : points.back();
+    if (!take_number(at, end, ':', point.iteration) || !take_number(at, end, ',', point.share) ||
+        point.iteration <= before.iteration || !(point.share > before.share) || !(point.share <= 1))
+      fail(ErrorKind::usage,
+           "work_shares must be rising iterations, each with the rising share of the work that is done after "
+           "it, such as 90:0.05,200:0.1; or empty. It goes wrong behind '{}:{}'",
+           before.iteration, before.share);
+    points.push_back(point);
+  }
+  if (points.empty()) return points;
+  const SharePoint last = points.back();
+  if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
+    fail(ErrorKind::usage,
+         "work_shares belongs to a number of iterations: with a share of {} after iteration {} it is not of "
+         "a run of {}",
+         last.share, last.iteration, s.iterations);
+  return points;
+}
+
+std::string to_string(const std::vector<SharePoint>& points) {
+  std::string text;
+  for (const SharePoint& point : points)
+    text += fmt::format("{}{}:{}", text.empty() ? "" : ",", point.iteration, point.share);
+  return text;
 }
 
 std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {

@@ -45,11 +45,14 @@ struct TrainSettings {
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
+  std::string work_shares;  // share of the work that is done after some iterations, such as 90:0.05,200:0.1;
+                            // empty: in proportion to the iterations (host/train/work_share.hpp)
   int batch = 1;        // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   IndexRange refine{500, 25000, 100};  // after the first, before the end; an empty one: never
   BatchRates lr_batch{};               // learning rates as given | times the square root of the batch
   double growth = 1.02;                // splats after / before a refinement
+  double growth_end = 1;               // share of the work from which on no splats are added
   double noise_lr = kAuto;             // auto: 1e6 static, 1 dynamic (method.md 4.3)
 
   // Loss
@@ -61,7 +64,7 @@ struct TrainSettings {
   RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
 
   // Learning rates
-  Cooldown lr_cooldown;                           // all of them fall to 0 at the end
+  double lr_cooldown = 0;  // share of the work at its end over which all of them fall to 0
   double lr_xyz = 1.6e-4, lr_xyz_final = 1.6e-6;  // times the scene extent, exponential decay
   double lr_mean = 1e-3, lr_beta = 1e-3;
   double lr_l_triangle = 1e-3;  // quaternions too
@@ -125,9 +128,17 @@ struct RunInterval {
 RunInterval evaluation_interval(const TrainSettings& settings);
 RunInterval checkpoint_interval(const TrainSettings& settings);
 
+struct SharePoint {
+  int iteration = 0;
+  double share = 0;  // of the work that is done after it
+};
+// work_shares: both rise, and shares are at most 1; throws Error(usage) when it is anything else.
+std::vector<SharePoint> share_points(const TrainSettings& settings);
+std::string to_string(const std::vector<SharePoint>& points);
+
 struct PyramidStep {
   int factor = 1;
-  double share = 0;  // of the iterations, where the level ends
+  double share = 0;  // of the work, where the level ends
 };
 // pyramid: falling factors at rising shares; throws Error(usage) when it is anything else.
 std::vector<PyramidStep> pyramid_steps(const TrainSettings& settings);

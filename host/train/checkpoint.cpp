@@ -31,6 +31,33 @@ Json settings_json(TrainSettings settings) {
   return json;
 }
 
+Json budget_json(const TimeBudget& budget) {
+  if (budget.seconds <= 0) return nullptr;
+  Json costs = Json::array();
+  for (const StepCost& cost : budget.costs)
+    costs.push_back({{"factor", cost.factor},
+                     {"fixed_ms", cost.fixed_ms},
+                     {"each_ms", cost.each_ms},
+                     {"sweep_ms", cost.sweep_ms}});
+  return {{"seconds", budget.seconds},
+          {"measured", budget.measured},
+          {"most_iterations", budget.most_iterations},
+          {"first_iterations", budget.first_iterations},
+          {"costs", costs}};
+}
+
+TimeBudget read_budget(const Json& json) {
+  TimeBudget budget;
+  json.at("seconds").get_to(budget.seconds);
+  json.at("measured").get_to(budget.measured);
+  json.at("most_iterations").get_to(budget.most_iterations);
+  json.at("first_iterations").get_to(budget.first_iterations);
+  for (const Json& cost : json.at("costs"))
+    budget.costs.push_back({cost.at("factor").get<int>(), cost.at("fixed_ms").get<double>(),
+                            cost.at("each_ms").get<double>(), cost.at("sweep_ms").get<double>()});
+  return budget;
+}
+
 // Numbers of all parts of a state.
 struct Sizes {
   std::uint64_t values, moments, loss_sums, appearance, sky, cameras;
@@ -61,8 +88,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"device", c.device},
           {"build", c.build},
           {"views_by_rank", c.views_by_rank},
-          {"planned_seconds", c.planned_seconds},
-          {"end_seconds", c.end_seconds},
+          {"budget", budget_json(c.budget)},
           {"settings", settings_json(c.settings)}};
 }
 
@@ -131,8 +157,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.device = h.at("device").get<std::string>();
   c.build = h.at("build").get<std::string>();
   c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
-  c.planned_seconds = h.at("planned_seconds").get<double>();
-  c.end_seconds = h.value("end_seconds", 0.0);
+  if (const Json& budget = h.at("budget"); !budget.is_null()) c.budget = read_budget(budget);
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(),    h.at("moments").get<std::uint64_t>(),
           h.at("loss_sums").get<std::uint64_t>(), h.value("appearance", std::uint64_t{0}),

@@ -13,6 +13,7 @@
 #include "host/cluster/communicator.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
+#include "host/train/time_budget.hpp"
 #include "host/train/train_state.hpp"
 
 namespace ubs {
@@ -25,8 +26,7 @@ struct Checkpoint {
   std::string device, build;     // results depend on both
   // Of ranks with several kinds of devices: how many views of a batch each one draws.
   std::vector<std::uint64_t> views_by_rank;
-  double planned_seconds = 0;  // what the run was expected to take; 0: nobody asked
-  double end_seconds = 0;      // that its end is fitted to (TimedEnd); 0: it is not
+  TimeBudget budget;
 };
 
 // Replaces the file in one step: what was there stays until the new one is complete. Throws Error(data) when

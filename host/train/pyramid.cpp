@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "host/train/timeline.hpp"
-
 namespace ubs {
 namespace {
 
@@ -42,26 +40,29 @@ Square sum_square(const Image8& image, int factor, int column, int row) {
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train) {
   std::vector<PyramidLevel> levels;
   const int side = least_side(train);
-  const Timeline time(settings);
   for (const PyramidStep& step : pyramid_steps(settings)) {
     int factor = step.factor;
     while (factor > 1 && side / factor < kMinShortSide) factor /= 2;
-    const int until = time.nearest(step.share * time.length());
-    if (factor == 1 || until < 1 || (!levels.empty() && until <= levels.back().until)) continue;
+    if (factor == 1) continue;
     if (!levels.empty() && levels.back().factor <= factor)
-      levels.back().until = until;
+      levels.back().until = step.share;
     else
-      levels.push_back({factor, until});
+      levels.push_back({factor, step.share});
   }
-  if (!levels.empty() && levels.back().until >= settings.iterations) levels.pop_back();
-  levels.push_back({1, settings.iterations});
+  levels.push_back({1, 1});
   return levels;
 }
 
-const PyramidLevel& level_at(const std::vector<PyramidLevel>& levels, int iteration) {
-  const auto found =
-      std::ranges::find_if(levels, [&](const PyramidLevel& l) { return iteration <= l.until; });
-  return found == levels.end() ? levels.back() : *found;
+int factor_at(const std::vector<PyramidLevel>& levels, const WorkShare& work, int iteration) {
+  for (const PyramidLevel& level : levels)
+    if (iteration <= work.iteration_at(level.until * work.steps())) return level.factor;
+  return 1;
+}
+
+int factor_at(const std::vector<PyramidLevel>& levels, double share) {
+  for (const PyramidLevel& level : levels)
+    if (share <= level.until) return level.factor;
+  return 1;
 }
 
 Camera reduced(const Camera& camera, int factor) {

@@ -7,13 +7,13 @@
 #include <vector>
 
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/train/work_share.hpp"
 
 namespace ubs {
 
 struct PyramidLevel {
   int factor = 1;  // both sides of every training image are divided by it
-  int until = 0;   // its last iteration
+  double until = 0;  // share of the work where it ends
   bool operator==(const PyramidLevel&) const = default;
 };
 
@@ -22,8 +22,9 @@ inline constexpr int kMinShortSide = 64;  // of a reduced image [px]: less than 
 // The levels of a run over these views, the last one of factor 1 and until the end. A factor that would
 // leave a view with a side shorter than kMinShortSide is halved until none is.
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train);
-// The level of an iteration counted from 1.
-const PyramidLevel& level_at(const std::vector<PyramidLevel>& levels, int iteration);
+// The factor of an iteration counted from 1, and of a share of the work.
+int factor_at(const std::vector<PyramidLevel>& levels, const WorkShare& work, int iteration);
+int factor_at(const std::vector<PyramidLevel>& levels, double share);
 
 // The camera whose pixels are squares of factor x factor pixels; a rest at the right and bottom edge is cut.
 Camera reduced(const Camera& camera, int factor);

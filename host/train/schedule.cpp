@@ -20,15 +20,20 @@ constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRa
 
 Schedule::Schedule(TrainSettings settings, std::size_t initial, double extent)
     : s_(std::move(settings)),
-      time_(s_),
+      work_(s_),
       extent_(extent),
       initial_(static_cast<std::uint32_t>(initial)),
-      first_(time_.nearest(scaled(s_.refine.first))),
-      stop_(time_.nearest(scaled(s_.refine.end))),
+      first_(work_.iteration_at(scaled(s_.refine.first))),
+      stop_(work_.iteration_at(scaled(s_.refine.end))),
       every_(std::max(1, static_cast<int>(std::llround(scaled(s_.refine.step))))) {}
 
 double Schedule::scaled(int iteration) const {
-  return static_cast<double>(iteration) * time_.length() / kScheduleLength;
+  return static_cast<double>(iteration) * work_.steps() / kScheduleLength;
+}
+
+bool Schedule::refines(int iteration) const {
+  const auto refinements_by = [&](int i) { return std::floor(work_.steps_at(i) / every_); };
+  return regularises(iteration) && refinements_by(iteration) > refinements_by(iteration - 1);
 }
 
 std::uint32_t Schedule::grown(std::uint32_t splats) const {
@@ -37,9 +42,17 @@ std::uint32_t Schedule::grown(std::uint32_t splats) const {
       splats, static_cast<std::uint32_t>(std::min(cap, std::floor(s_.growth * static_cast<double>(splats)))));
 }
 
-std::uint32_t Schedule::splats_at(int iteration) const {
+std::uint32_t Schedule::grown(std::uint32_t splats, int iteration) const {
+  return work_.at(iteration) >= s_.growth_end ? splats : grown(splats);
+}
+
+std::uint32_t Schedule::splats_at(double share) const {
+  constexpr double kRounding = 1e-6;  // steps
+  const double first = std::floor(static_cast<double>(scaled(s_.refine.first)) / every_);
+  const double last = std::min({share, s_.growth_end, 1.0}) * work_.steps();
+  const double end = std::min(last + kRounding, scaled(s_.refine.end) - kRounding);
   std::uint32_t splats = initial_;
-  for (int event = (first_ / every_ + 1) * every_; event < stop_ && event <= iteration; event += every_) {
+  for (double event = first + 1; event * every_ <= end; ++event) {
     const std::uint32_t before = splats;
     if ((splats = grown(before)) == before) break;  // the cap, or no growth
   }
@@ -47,12 +60,12 @@ std::uint32_t Schedule::splats_at(int iteration) const {
 }
 
 double Schedule::cooldown(int iteration) const {
-  const double left = 1 - time_.share(iteration), share = s_.lr_cooldown.share;
+  const double left = 1 - work_.at(iteration), share = s_.lr_cooldown;
   return left < share ? left / share : 1;
 }
 
 double Schedule::lr_xyz(int iteration) const {
-  const double t = time_.share(iteration);
+  const double t = work_.at(iteration);
   return extent_ * std::exp((1 - t) * std::log(s_.lr_xyz) + t * std::log(s_.lr_xyz_final));
 }
 
@@ -77,26 +90,24 @@ std::vector<float> Schedule::learning_rates(const ParameterLayout& layout, int i
 }
 
 double Schedule::appearance_rate(int iteration, std::size_t images) const {
-  const double t = time_.share(iteration);
-  const double steps = double{1} * time_.length() * s_.batch / static_cast<double>(images);
+  const double t = work_.at(iteration);
+  const double steps = work_.iterations_per_share(iteration) * s_.batch / static_cast<double>(images);
   const double initial = std::clamp(kAppearanceTravel / steps, kAppearanceRate, kMaxAppearanceRate);
   return cooldown(iteration) * initial * std::pow(0.01, t);
 }
 
-int Schedule::sweep_iteration(double done) const {
-  return time_.nearest((kFirstSweep + done * (kLastSweep - kFirstSweep)) * time_.length());
+std::vector<double> Schedule::camera_sweep_shares() {
+  std::vector<double> shares;
+  for (int k = 0; k < kSweeps; ++k)
+    shares.push_back(kFirstSweep + double{1} * k / (kSweeps - 1) * (kLastSweep - kFirstSweep));
+  return shares;
 }
 
 std::optional<double> Schedule::camera_sweep(int iteration) const {
-  for (int k = 0; k < kSweeps; ++k)
-    if (const double done = double{1} * k / (kSweeps - 1); sweep_iteration(done) == iteration) return done;
+  const std::vector<double> shares = camera_sweep_shares();
+  for (std::size_t k = 0; k < shares.size(); ++k)
+    if (work_.iteration_at(shares[k] * work_.steps()) == iteration) return static_cast<double>(k) / (kSweeps - 1);
   return {};
-}
-
-int Schedule::camera_sweeps_by(int iteration) const {
-  int count = 0;
-  while (count < kSweeps && sweep_iteration(double{1} * count / (kSweeps - 1)) <= iteration) ++count;
-  return count;
 }
 
 float Schedule::noise(int iteration) const { return static_cast<float>(s_.noise_lr * lr_xyz(iteration)); }

@@ -79,6 +79,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       ranks_(ranks),
       device_(device),
       settings_(settings_for(settings, initial)),
+      initial_(static_cast<std::uint32_t>(initial.count)),
       views_(device, settings_, train, test),
       schedule_(settings_, initial.count, scene_extent(train.views)),
       stages_(training_stages(device, settings_, time)),
@@ -153,7 +154,7 @@ void Trainer::draw(std::uint32_t camera) {
 }
 
 void Trainer::use_level_of(int iteration) {
-  if (views_.use_level_of(iteration)) set_cameras(views_.cameras());
+  if (views_.use_factor(views_.factor_at(schedule_.work(), iteration))) set_cameras(views_.cameras());
 }
 
 MemoryPlan Trainer::memory_plan() const {
@@ -201,7 +202,8 @@ void Trainer::step() {
   whole_ = true;
   // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
   // error.
-  if (iteration < settings_.iterations && views_.of_same_level(iteration + 1))
+  if (iteration < settings_.iterations &&
+      views_.factor_at(schedule_.work(), iteration + 1) == views_.factor())
     upload_first_view(iteration + 1);
 }
 
@@ -304,7 +306,11 @@ void Trainer::grow(std::uint32_t target) {
 
 bool Trainer::refine() {
   const std::uint32_t moved = relocate();
-  const std::uint32_t grown = schedule_.grown(splats());
+  if (pace_ && !pace_->serves_more(splats(), settings_) && settings_.growth_end == 1) {
+    settings_.growth_end = schedule_.work().at(progress_.iteration);
+    schedule_ = schedule_.with(settings_);
+  }
+  const std::uint32_t grown = schedule_.grown(splats(), progress_.iteration);
   const bool grows = grown > splats();
   if (grows) grow(grown);
   add_noise();
@@ -407,15 +413,16 @@ void Trainer::measure_fitted(Metrics& metrics) {
 void Trainer::sweep_cameras(double done) {
   stages_->pause();
   const RenderGroup group{stages_.get(), model_.view()};
+  const double start = time_.seconds();
   views_.sweep_cameras({renderer_, std::span(&group, 1), render_settings()}, done);
+  swept_ += time_.seconds() - start;
   set_cameras(views_.cameras());
 }
 
-double Trainer::sweep_seconds() {
-  if (!views_.refiner()) return 0;
+double Trainer::sweep_seconds(int factor) {
   stages_->pause();
   const RenderGroup group{stages_.get(), model_.view()};
-  const double seconds = views_.sweep_seconds({renderer_, std::span(&group, 1), render_settings()});
+  const double seconds = views_.refiner()->sweep_seconds({renderer_, std::span(&group, 1), render_settings()}, factor);
   set_cameras(views_.cameras());
   return seconds;
 }
@@ -451,6 +458,11 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   while (go_on && progress_.iteration < settings_.iterations) {
     step();
     clock.read();
+    if (pace_ && at_point()) {
+      device_.finish();
+      clock.read();
+      set_pace();
+    }
     const int iteration = progress_.iteration;
     const bool last = iteration == settings_.iterations;
     bool by_time = evaluation.seconds > 0 && std::floor(progress_.seconds / evaluation.seconds) >
@@ -469,6 +481,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     StepReport report;
     report.iteration = iteration;
     report.iterations = settings_.iterations;
+    report.share = schedule_.work().at(iteration);
     report.splats = splats();
     if (reads) {
       report.loss = read_loss(std::min(iteration - progress_.logged, settings_.log_every));
@@ -481,6 +494,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       clock.read();
     }
     report.seconds = progress_.seconds;
+    if (pace_) report.seconds_left = pace_->seconds_left(schedule_.work(), iteration);
     if (evaluates) {
       report.test = evaluate_test();
       evaluated = progress_.seconds;
@@ -497,9 +511,22 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   look();
 }
 
-void Trainer::end_as(const TrainSettings& settings) {
-  settings_.iterations = settings.iterations;
-  settings_.lr_cooldown = settings.lr_cooldown;
+void Trainer::keep_to(const TimeBudget& budget) {
+  if (sharing_) fail(ErrorKind::usage, "a time budget needs one process: several ranks cannot share it");
+  pace_.emplace(budget, settings_, views_.train(), initial_);
+  const bool begins = progress_.iteration == 0 && settings_.work_shares.empty();
+  if (begins) progress_.seconds = budget.measured;
+  pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, swept_);
+  if (begins) set_pace();
+}
+
+bool Trainer::at_point() const {
+  return progress_.iteration == schedule_.work().last().iteration &&
+         progress_.iteration < settings_.iterations;
+}
+
+void Trainer::set_pace() {
+  pace_->advance(settings_, progress_.iteration, progress_.seconds, swept_);
   schedule_ = schedule_.with(settings_);
 }
 
@@ -552,6 +579,7 @@ void Trainer::restore(const TrainState& s) {
   progress_ = s;
   saved_seconds_ = s.seconds;
   guard_.restart(s);
+  if (pace_) pace_->begin(schedule_.work(), s.iteration, s.seconds, swept_);
   held_out_.clear();
   whole_ = true;
 }

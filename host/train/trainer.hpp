@@ -26,6 +26,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "host/train/shared_splats.hpp"
+#include "host/train/time_budget.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/train_state.hpp"
 #include "host/train/training_views.hpp"
@@ -34,8 +35,10 @@ namespace ubs {
 
 struct StepReport {
   int iteration = 0;   // 1-based
-  int iterations = 0;  // of the run
+  int iterations = 0;  // of the run; with a time budget, as many as there is time for now
+  double share = 0;    // of the work, that is done
   double seconds = 0;  // training time so far, evaluations and start-up excluded
+  double seconds_left = 0;  // of training, as it looks now; known with a time budget only, else 0
   std::uint32_t splats = 0;
   std::optional<double> loss;   // mean over the views since the last one; only on logged iterations
   std::optional<Metrics> test;  // only where an evaluation took place
@@ -43,7 +46,7 @@ struct StepReport {
 
 // When the state of a run is handed out: every so many iterations, every so many seconds of training; 0:
 // never.
-struct StateSchedule {
+struct StateSaving {
   int iterations = 0;
   double seconds = 0;
   std::function<void(const TrainState&)> save;
@@ -70,9 +73,12 @@ class Trainer {
   // finite ends the run with Error(numerical), unless settings.on_nan says otherwise (docs/training.md).
   void run(const std::function<bool(const StepReport&)>& on_step);
 
-  // The run goes on with the schedule's end as these settings have it (TimedEnd), which must be of this run
-  // otherwise. Only before that end begins. One process.
-  void end_as(const TrainSettings& settings);
+  // The run keeps to a time budget, which the settings were chosen for (choose_iterations): iterations,
+  // work_shares and growth_end of settings() follow the clock. Before the first iteration, or before the run
+  // of a restored state. One process.
+  void keep_to(const TimeBudget& budget);
+  // The settings of the run, automatic ones resolved.
+  const TrainSettings& settings() const { return settings_; }
 
   // The state after the last iteration. Waits. All ranks; each gets its part of the splats, or with
   // `everywhere` all of them.
@@ -80,11 +86,12 @@ class Trainer {
   // Goes on from a state of a run with the same settings, data and device: with the same bits. All ranks,
   // with the same state; the run that it is from may have had any number of them.
   void restore(const TrainState& state);
-  // Of a step of all cameras at the present level, where they are refined; else 0. They stay as they are.
-  double sweep_seconds();
+  // Returns the seconds that a step of all cameras takes on images reduced by `factor`, where cameras are
+  // refined. They stay as they are.
+  double sweep_seconds(int factor);
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
-  void on_state(StateSchedule schedule) { saving_ = std::move(schedule); }
+  void on_state(StateSaving saving) { saving_ = std::move(saving); }
   // Called for every value that is not finite, before training stops or goes on.
   void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) { guard_.on_event(std::move(report)); }
 
@@ -174,6 +181,8 @@ class Trainer {
   bool look();  // true when all is finite; else has done what settings.on_nan says, and may have gone back
   void loss_not_finite(std::uint64_t draw);
   void answer(NonFiniteEvent event, TrainState state);
+  bool at_point() const;  // where a time budget sets the speed of the run
+  void set_pace();
   bool save_due() const;
   void save_state();
 
@@ -181,6 +190,7 @@ class Trainer {
   Communicator& ranks_;
   Device& device_;
   TrainSettings settings_;
+  const std::uint32_t initial_;  // splats at the start
   TrainingViews views_;
   Schedule schedule_;
   std::unique_ptr<TimedStages> stages_;
@@ -191,9 +201,11 @@ class Trainer {
   TrainProgress progress_;
   IntersectionCount intersections_;
   Guard guard_;
+  std::optional<BudgetPace> pace_;  // of a run with a time budget
+  double swept_ = 0;                // seconds of camera sweeps
   bool whole_ = true;
   std::vector<FittedCamera> held_out_;  // once they have been fitted
-  StateSchedule saving_;
+  StateSaving saving_;
   double saved_seconds_ = 0;
 };
 

@@ -33,8 +33,7 @@ TrainingViews::TrainingViews(Device& device, const TrainSettings& settings, cons
   v_appearance_ = Buffer<float>(device, "appearance gradients", batch_ * kAppearanceNumbers);
 }
 
-bool TrainingViews::use_level_of(int iteration) {
-  const int factor = level_at(levels_, iteration).factor;
+bool TrainingViews::use_factor(int factor) {
   if (factor == factor_) return false;
   targets_.reduce(train_.views.size(), factor);
   factor_ = factor;

@@ -31,9 +31,13 @@ class TrainingViews {
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
 
+  // The factor by which training views are reduced at an iteration.
+  int factor_at(const WorkShare& work, int iteration) const {
+    return ubs::factor_at(levels_, work, iteration);
+  }
+  int factor() const { return factor_; }  // as they are reduced now
   // True when another size of the training views begins: cameras() has changed. Waits then.
-  bool use_level_of(int iteration);
-  bool of_same_level(int iteration) const { return level_at(levels_, iteration).factor == factor_; }
+  bool use_factor(int factor);
   // Of the training views as they are trained now, then of the test views.
   std::vector<Camera> cameras() const;
   std::vector<Camera> test_cameras() const;  // their last part
@@ -45,7 +49,6 @@ class TrainingViews {
   }
   const CameraRefiner* refiner() const { return refiner_ ? &*refiner_ : nullptr; }
   void sweep_cameras(const Drawing& drawing, double done) { refiner_->sweep(drawing, factor_, done); }
-  double sweep_seconds(const Drawing& drawing) const { return refiner_->sweep_seconds(drawing, factor_); }
   void set_refined(std::span<const double> state);
 
   // Starts to decode, and to copy to the device, what a draw to come will want.

@@ -16,14 +16,11 @@ constexpr std::chrono::milliseconds kLogInterval{10000};
 
 }  // namespace
 
-Progress::Progress(int iterations, bool silent, std::vector<double> curve)
+Progress::Progress(int iterations, bool silent)
     : iterations_(iterations),
-      curve_(std::move(curve)),
       silent_(silent),
       terminal_(isatty(STDERR_FILENO) == 1),
-      shown_(Clock::now()) {
-  if (curve_.size() < 2) curve_ = {0, 1};
-}
+      shown_(Clock::now()) {}
 
 void Progress::update(const StepReport& report) {
   iterations_ = report.iterations;
@@ -35,20 +32,16 @@ void Progress::update(const StepReport& report) {
   if (report.seconds > rate_seconds_) {
     const double fresh = (report.iteration - rate_iteration_) / (report.seconds - rate_seconds_);
     rate_ = rate_ > 0 && terminal_ ? 0.8 * rate_ + 0.2 * fresh : fresh;
-    const double expected = remaining_seconds(curve_, share(rate_iteration_), 1) -
-                            remaining_seconds(curve_, share(report.iteration), 1);
-    if (expected > 0) {
-      const double slow = (report.seconds - rate_seconds_) / expected;
-      slowness_ = slowness_ > 0 && terminal_ ? 0.8 * slowness_ + 0.2 * slow : slow;
-    }
     rate_iteration_ = report.iteration;
     rate_seconds_ = report.seconds;
   }
   std::string line = fmt::format("{}/{}  {:.1f} it/s", report.iteration, iterations_, rate_);
   if (report.loss) line += fmt::format("  loss {:.4f}", *report.loss);
   line += fmt::format("  {} splats", report.splats);
-  if (slowness_ > 0)
-    line += "  ETA " + duration_text(remaining_seconds(curve_, share(report.iteration), slowness_));
+  if (const double left = report.seconds_left; left > 0)
+    line += "  ETA " + duration_text(left);
+  else if (rate_ > 0)
+    line += "  ETA " + duration_text((iterations_ - report.iteration) / rate_);
   if (report.test)
     line += fmt::format("  test {:.2f} dB, SSIM {:.4f} at {:.1f} s", report.test->mean.psnr_channel_mean,
                         report.test->mean.ssim, report.seconds);

@@ -6,18 +6,16 @@
 #include <chrono>
 #include <cstddef>
 #include <string>
-#include <vector>
 
 #include "host/base/stopwatch.hpp"
-#include "host/train/expected_time.hpp"
+#include "host/base/text.hpp"
 #include "host/train/trainer.hpp"
 
 namespace ubs::tools {
 
 class Progress {
  public:
-  // `curve`: expected seconds at equal steps of the iterations, from 0 to all; empty: they take equal time.
-  Progress(int iterations, bool silent, std::vector<double> curve = {});
+  Progress(int iterations, bool silent);
   ~Progress() { finish(); }
   Progress(const Progress&) = delete;
 
@@ -25,14 +23,10 @@ class Progress {
   void finish();  // closes the line
 
  private:
-  double share(int iteration) const { return static_cast<double>(iteration) / iterations_; }
-
   int iterations_;
-  std::vector<double> curve_;
   bool silent_, terminal_, line_open_ = false;
   Clock::time_point shown_;
   int rate_iteration_ = 0;  // where the rate was last taken
-  double slowness_ = 0;     // seconds over what was expected, lately
   double rate_seconds_ = 0, rate_ = 0;
 };
 

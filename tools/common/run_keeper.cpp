@@ -44,14 +44,16 @@ Checkpoint open_checkpoint(const fs::path& folder) {
 RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved)
     : folder_(folder), run_(std::move(run)), comments_(std::move(comments)), saved_(saved) {}
 
-bool RunKeeper::save(const TrainState& state) {
+bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
   run_.state = state;
+  run_.settings = settings;
   try {
     if (folder_.writes())
       folder_.sync_log();   // the rows up to here, which a continued run does not make again
   } catch (const Error&) {  // there was a warning when the row could not be written
   }
   try {
+    if (run_.budget.seconds > 0 && folder_.writes()) folder_.write_config(settings);
     write_checkpoint(folder_.checkpoint(), run_, ranks());
   } catch (const Error& error) {
     warn("no checkpoint at iteration {}: {}; {}", state.iteration, error.what(),

@@ -25,9 +25,8 @@ class RunKeeper {
   // All ranks, each with its part. A checkpoint that cannot be written (disk full) is a warning: training
   // goes on, the one before stays, and the next one is tried when its time comes. Returns whether it was
   // written.
-  bool save(const TrainState& state);
-  // The settings from now on.
-  void use(const TrainSettings& settings) { run_.settings = settings; }
+  // `settings`: of the run, as a time budget has them by now.
+  bool save(const TrainState& state, const TrainSettings& settings);
   // Iteration of the last checkpoint; -1: none yet.
   int saved_iteration() const { return saved_; }
 

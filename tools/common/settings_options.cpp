@@ -22,7 +22,7 @@ std::string option_name(std::string key) {
 std::string type_word(const FieldValue& field) {
   constexpr auto kWords =
       std::to_array<const char*>({"INT", "INT", "NUMBER", "", "TEXT", "R,G,B", "FIRST:END:STEP",
-                                  "SHARE[:STRETCH]", ""});  // by variant index
+                                  ""});  // by variant index
   static_assert(kWords.size() == std::variant_size_v<FieldValue::Pointer>);
   return field.choices ? field.choices : kWords[field.value.index()];
 }

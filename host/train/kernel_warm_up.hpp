@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Everything that a training does on its device, once, on a model of its own and with no effect on it. OpenCL
-// drivers compile a kernel when it is first launched, which takes memory, disk and seconds: better before the
-// first step than at the first relocation, hours later.
+// KernelWarmUp does everything that a training does on its device, once, on a model of its own. OpenCL drivers
+// compile a kernel when it is first launched, which takes memory, disk and seconds: better before the first
+// step than at the first relocation, hours later.
 #pragma once
 
 #include <memory>
@@ -16,10 +16,10 @@
 
 namespace ubs {
 
-class Rehearsal {
+class KernelWarmUp {
  public:
   // On `view`, which must have an image, and a copy of `model`, which is grown if training grows it.
-  Rehearsal(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model);
+  KernelWarmUp(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model);
 
   Stages& stages() { return *stages_; }
   // A step in every form that training knows, relocation, growth and noise, through `stages`: its own or what

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/train/rehearsal.hpp"
+#include "host/train/kernel_warm_up.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +17,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kRehearsedSplats = 4096;
+constexpr std::size_t kFewSplats = 4096;
 // From here on splats are sorted by other kernels (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
 
@@ -39,10 +39,10 @@ std::vector<const View*> different_views(const Split& split) {
 
 }  // namespace
 
-Rehearsal::Rehearsal(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model)
+KernelWarmUp::KernelWarmUp(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model)
     : device_(device),
       settings_(settings),
-      view_{"rehearsal", {view}},
+      view_{"warm-up", {view}},
       stages_(make_stages(device, training_config(settings, device.info()))),
       model_(device, model, model.count + 64),
       targets_(device, kTargetBudgetBytes),
@@ -61,7 +61,7 @@ Rehearsal::Rehearsal(Device& device, const TrainSettings& settings, const View& 
   targets_.add(view_);
 }
 
-void Rehearsal::learn(Stages& stages) {
+void KernelWarmUp::learn(Stages& stages) {
   Renderer renderer(device_, stages);
   renderer.set_cameras(cameras_of(view_));
   const RenderSettings render = render_settings(settings_);
@@ -122,7 +122,7 @@ void Rehearsal::learn(Stages& stages) {
   if (settings_.noise_lr != 0) stages.add_noise({.splats = model_.view(), .amount = 1e-12f});
 }
 
-void Rehearsal::evaluate(ImageMetrics* more) {
+void KernelWarmUp::evaluate(ImageMetrics* more) {
   Renderer renderer(device_, *stages_);
   renderer.set_cameras(cameras_of(view_));
   ubs::evaluate(device_, *stages_, renderer, model_.view(), render_settings(settings_), view_.views, targets_,
@@ -149,11 +149,11 @@ double view_seconds(Device& device, const TrainSettings& settings, const Split& 
                     const SplatModel& model) {
   constexpr std::size_t kMaxMeasured = 200'000;
   constexpr int kTimes = 5;
-  Rehearsal rehearsal(device, settings, train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
+  KernelWarmUp warm_up(device, settings, train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < kTimes; ++i) {
     const auto start = Clock::now();
-    rehearsal.learn(rehearsal.stages());
+    warm_up.learn(warm_up.stages());
     device.finish();
     least = std::min(least, seconds_since(start));
   }
@@ -163,23 +163,23 @@ double view_seconds(Device& device, const TrainSettings& settings, const Split& 
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more) {
   if (initial.count == 0) return;
-  const SplatModel few = copies(initial, std::min(initial.count, kRehearsedSplats));
+  const SplatModel few = copies(initial, std::min(initial.count, kFewSplats));
   const int coarsest = pyramid_levels(settings, train).front().factor;
   for (const View* view : different_views(train)) {
-    Rehearsal rehearsal(device, settings, *view, few);
-    rehearsal.learn(rehearsal.stages());
+    KernelWarmUp warm_up(device, settings, *view, few);
+    warm_up.learn(warm_up.stages());
     if (coarsest == 1) continue;
     View small = *view;
     small.camera = reduced(view->camera, coarsest);
     small.image = reduced(view->load_image(), coarsest);
     small.source = nullptr;
-    Rehearsal on_coarse(device, settings, small, few);
+    KernelWarmUp on_coarse(device, settings, small, few);
     on_coarse.learn(on_coarse.stages());
   }
-  for (const View* view : different_views(test)) Rehearsal(device, settings, *view, few).evaluate(more);
-  if (Schedule(settings, initial.count).splats_at(settings.iterations) >= kManySplats) {
-    Rehearsal rehearsal(device, settings, train.views[0], copies(initial, kManySplats));
-    rehearsal.learn(rehearsal.stages());
+  for (const View* view : different_views(test)) KernelWarmUp(device, settings, *view, few).evaluate(more);
+  if (Schedule(settings, initial.count).splats_at(1.0) >= kManySplats) {
+    KernelWarmUp warm_up(device, settings, train.views[0], copies(initial, kManySplats));
+    warm_up.learn(warm_up.stages());
   }
   device.finish();
   device.reset_peak();

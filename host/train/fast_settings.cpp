@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/fast_settings.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "host/train/schedule.hpp"
+
+namespace ubs {
+namespace {
+
+// Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
+// every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
+constexpr int kRefineEvery = 100, kMinRefinements = 10;
+constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
+// Positions that start at random have a way to go, the same in few steps as in many: the published rate times
+// 30 000 iterations. Faster ones than kFastest break what is there.
+constexpr double kFarTravel = 5, kFastest = 3e-3;
+// Points of the data are better splats than those that growth adds.
+constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kMinSplats = 10000;
+
+// fast_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares
+// on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
+constexpr int kShortRun = 2000;
+constexpr double kPyramidPower = 0.5;
+constexpr double kMovingCooldown = 0.6;  // of the direct form: docs/results/2026-11-24-budgets.md
+constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
+constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
+struct FallingRate {
+  const char* key;
+  double TrainSettings::*rate;
+  double power;
+};
+constexpr FallingRate kFallingRates[] = {
+    {"lr_rgb", &TrainSettings::lr_rgb, 0.35},   {"lr_l_triangle", &TrainSettings::lr_l_triangle, 0.35},
+    {"lr_mean", &TrainSettings::lr_mean, 0.35}, {"lr_scale", &TrainSettings::lr_scale, 0.35},
+    {"lr_beta", &TrainSettings::lr_beta, 0.6},  {"lr_xyz_final", &TrainSettings::lr_xyz_final, 1.6}};
+
+double fallen(double value, double power, int iterations) {
+  return value * std::pow(std::max(1.0, double{1} * iterations / kShortRun), -power);
+}
+
+// Whether nobody has chosen the setting `key`, which schedules have at `usual`.
+template <typename Value>
+bool is_free(const TrainSettings& s, const char* key, const Value& value, const Value& usual) {
+  return value == usual && !s.chosen.contains(key);
+}
+
+// Few digits, for people who read config.yaml.
+void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
+  const TrainSettings base = fast_settings();
+  const auto fall = [&](const char* key, double TrainSettings::*value, double power) {
+    if (is_free(s, key, s.*value, base.*value))
+      s.*value = std::stod(fmt::format("{:.3g}", fallen(base.*value, power, iterations)));
+  };
+  for (const auto& [key, rate, power] : kFallingRates) fall(key, rate, power);
+  if (direction_falls && !has_time(s.dim))
+    fall("beta_dir_init", &TrainSettings::beta_dir_init, kDirectionPower);
+  if (!is_free(s, "pyramid", s.pyramid, base.pyramid)) return;
+  s.pyramid.clear();
+  for (const PyramidStep& step : pyramid_steps(base))
+    s.pyramid += fmt::format("{}{}:{:.2g}", s.pyramid.empty() ? "" : ",", step.factor,
+                             fallen(step.share, kPyramidPower, iterations));
+}
+
+int refine_interval(int iterations) { return std::clamp(iterations / kMinRefinements, 1, kRefineEvery); }
+
+}  // namespace
+
+std::size_t first_splats(const TrainSettings& s, std::size_t points) {
+  return std::min(points > 0 ? points : static_cast<std::size_t>(s.init_points),
+                  static_cast<std::size_t>(s.cap_max));
+}
+
+TrainSettings fast_settings() {
+  TrainSettings s;
+  s.lr_cooldown = 0.15;
+  s.lr_xyz_final = 4e-5;
+  s.lr_scale = 0.02;
+  s.lr_rgb = 0.005;
+  s.lr_l_triangle = 0.005;
+  s.lr_beta = 0.01;
+  s.lr_mean = 0.005;
+  s.beta_dir_init = -3;
+  s.pyramid = "4:0.5,2:0.8";
+  return s;
+}
+
+int fast_run_splats(int iterations, std::size_t points) {
+  const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
+  return std::max({kMinSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
+}
+
+TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t points,
+                             const PictureFacts& pictures) {
+  const TrainSettings standard;
+  TrainSettings s = settings;
+  s.iterations = iterations;
+  if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
+    s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points));
+  // Where pictures place points, auto repeats it.
+  if (points == 0 && s.init_points == standard.init_points)
+    s.init_points =
+        static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
+  lengthen(s, iterations, points > 0 && !pictures.lone_object);
+  if (has_time(s.dim) && s.variant.direct() &&
+      is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
+    s.lr_cooldown = kMovingCooldown;
+  if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
+  if (pictures.few_photographs && is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
+    s.opacity_reg = kFewOpacityReg;
+  if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
+    s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
+  const int interval = refine_interval(iterations);
+  // refine_every: the step alone, as earlier versions had it.
+  if (is_free(s, "refine", s.refine.step, standard.refine.step) && !s.chosen.contains("refine_every"))
+    s.refine.step = std::min(
+        kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
+  const double first = static_cast<double>(s.refine.first) / kScheduleLength;
+  if (first < kGrownAt && !s.refine.empty() && is_free(s, "growth", s.growth, standard.growth)) {
+    const double start = static_cast<double>(first_splats(s, points));
+    const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
+    // A short text; and as many steps more as the splats lost to rounding down ask for.
+    const double ratio = std::max(1.0, s.cap_max / start);
+    double steps = std::ceil(std::pow(ratio, 1 / events) * 1e4);
+    const auto grown = [&] {
+      s.growth = std::min(steps / 1e4, 10.0);
+      return s.growth == 10 || Schedule(s, first_splats(s, points)).splats_at(kGrownAt) >=
+                                   static_cast<std::uint32_t>(s.cap_max);
+    };
+    while (!grown()) ++steps;
+  }
+  return s;
+}
+
+}  // namespace ubs

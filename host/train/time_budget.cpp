@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/time_budget.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr int kMinIterations = 100;  // fewer make no model
+constexpr int kSamples = 400;        // of the work, for its time
+// Steps are measured on the first splats. Later ones of the run take longer or less: points spread, random
+// splats shrink where they find what they show (docs/results/2026-11-26-share-of-the-work.md).
+constexpr double kMinStepShare = 0.1;  // of the measured step, however few splats
+// How far the speed changes at one point, and how much of a new measurement counts.
+constexpr double kLeastChange = 0.5, kMostChange = 1.5, kFresh = 0.5;
+constexpr int kPoints = 100, kPointsOfRest = 10;  // of the whole run, of what is left of it
+constexpr double kSpareSplats = 1.25;
+
+// Few digits, for people who read config.yaml.
+double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
+
+}  // namespace
+
+double time_budget_seconds(const std::string& text) {
+  double value = 0;
+  const char* const end = text.data() + text.size();
+  const auto result = std::from_chars(text.data(), end, value);
+  const std::string_view unit(result.ptr, static_cast<std::size_t>(end - result.ptr));
+  const double factor = unit.empty() || unit == "s" ? 1 : unit == "m" ? 60 : unit == "h" ? 3600 : 0;
+  if (result.ec != std::errc() || factor == 0 || !(value > 0) || value * factor > 1e7)
+    fail(ErrorKind::usage, "budget '{}' must be a time such as 90s, 10m or 1.5h", text);
+  return value * factor;
+}
+
+double StepCost::step_ms(double splats) const {
+  return std::max(fixed_ms + each_ms * splats, kMinStepShare * fixed_ms);
+}
+
+WorkTime::WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
+                   const std::vector<PyramidLevel>& levels) {
+  const auto cost_at = [&](double share) -> const StepCost& {
+    const int factor = factor_at(levels, share);
+    const auto cost = std::ranges::find(costs, factor, &StepCost::factor);
+    if (cost == costs.end()) fail(ErrorKind::internal, "no cost of images reduced by {}", factor);
+    return *cost;
+  };
+  left_.assign(kSamples + 1, 0);
+  for (int k = kSamples - 1; k >= 0; --k) {
+    const double share = (k + 0.5) / kSamples;
+    left_[static_cast<std::size_t>(k)] =
+        left_[static_cast<std::size_t>(k) + 1] +
+        1e-3 * cost_at(share).step_ms(schedule.splats_at(share)) / kSamples;
+  }
+  for (const double share : Schedule::camera_sweep_shares())
+    sweeps_.push_back({share, 1e-3 * cost_at(share).sweep_ms});
+}
+
+double WorkTime::steps_left(double share) const {
+  const double at = std::clamp(share, 0.0, 1.0) * kSamples;
+  const auto k = std::min(static_cast<std::size_t>(at), static_cast<std::size_t>(kSamples - 1));
+  return left_[k] + (left_[k + 1] - left_[k]) * (at - static_cast<double>(k));
+}
+
+double WorkTime::sweeps_left(double share) const {
+  double seconds = 0;
+  for (const Sweep& sweep : sweeps_)
+    if (sweep.share > share) seconds += sweep.seconds;
+  return seconds;
+}
+
+BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
+                              std::size_t points, const PictureFacts& pictures) {
+  const auto seconds = [&](int iterations) {
+    const TrainSettings s = fast_settings_for(base, iterations, points, pictures);
+    const WorkTime time(budget.costs, Schedule(s, first_splats(s, points)), pyramid_levels(s, train));
+    return budget.measured + iterations * time.steps_left(0) + time.sweeps_left(0);
+  };
+  if (const double least = seconds(kMinIterations); least > budget.seconds)
+    fail(ErrorKind::usage,
+         "a step takes {:.3g} ms here, so that {} iterations, the fewest that make sense, would take {:.3g} "
+         "s of a budget of {:.3g} s: give more time, or reduce the images with downscale",
+         1e3 * (least - budget.measured) / kMinIterations, kMinIterations, least, budget.seconds);
+  int fits = kMinIterations, beyond = budget.most_iterations + 1;
+  while (beyond - fits > 1) {
+    const int middle = fits + (beyond - fits) / 2;
+    (seconds(middle) <= budget.seconds ? fits : beyond) = middle;
+  }
+  budget.first_iterations = fits;
+  return {fast_settings_for(base, fits, points, pictures), std::move(budget)};
+}
+
+BudgetPace::BudgetPace(TimeBudget budget, const TrainSettings& settings, const Split& train,
+                       std::size_t initial)
+    : budget_(std::move(budget)),
+      time_(budget_.costs, Schedule(settings, initial), pyramid_levels(settings, train)) {}
+
+void BudgetPace::begin(const WorkShare& work, int iteration, double seconds, double swept) {
+  since_ = {iteration, work.at(iteration), seconds, swept};
+}
+
+void BudgetPace::measure(const WorkShare& work, int iteration, double seconds, double swept) {
+  const double share = work.at(iteration);
+  if (iteration <= since_.iteration || share <= since_.share) return;
+  const double per_share = (iteration - since_.iteration) / (share - since_.share);
+  const double expected = per_share * (time_.steps_left(since_.share) - time_.steps_left(share));
+  swept_ += swept - since_.swept;
+  sweeps_expected_ += time_.sweeps_left(since_.share) - time_.sweeps_left(share);
+  const double took = seconds - since_.seconds - (swept - since_.swept);
+  slowness_ += kFresh * (took / expected - slowness_);
+  begin(work, iteration, seconds, swept);
+}
+
+double BudgetPace::sweeps_left(double share) const {
+  return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
+}
+
+double BudgetPace::seconds_left(const WorkShare& work, int iteration) const {
+  const double share = work.at(iteration);
+  return slowness_ * work.iterations_per_share(iteration) * time_.steps_left(share) + sweeps_left(share);
+}
+
+double BudgetPace::iterations_per_share(const WorkShare& work, int iteration, double seconds) const {
+  if (iteration == 0) return budget_.first_iterations;
+  const double share = work.at(iteration);
+  const double left = std::max(0.0, budget_.seconds - seconds - sweeps_left(share));
+  const double steps = std::max(slowness_, 1e-6) * time_.steps_left(share);
+  const double before = work.iterations_per_share(iteration);
+  return std::clamp(left / std::max(steps, 1e-12), kLeastChange * before, kMostChange * before);
+}
+
+void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds, double swept) {
+  const WorkShare work(settings);
+  measure(work, iteration, seconds, swept);
+  const double per_share = iterations_per_share(work, iteration, seconds);
+  const double share = work.at(iteration);
+  const int rest = std::clamp(static_cast<int>(std::lround(per_share * (1 - share))), 1,
+                              std::max(1, budget_.most_iterations - iteration));
+  const int apart =
+      std::max(1, std::min(std::max(settings.log_every, static_cast<int>(per_share) / kPoints),
+                           rest / kPointsOfRest));
+  std::vector<SharePoint> points = share_points(settings);
+  if (apart < rest)
+    points.push_back({iteration + apart, rounded_share(share + (1 - share) * apart / rest)});
+  else
+    points.push_back({iteration + rest, 1});
+  settings.iterations = iteration + rest;
+  settings.work_shares = to_string(points);
+}
+
+bool BudgetPace::serves_more(std::uint32_t splats, const TrainSettings& settings) const {
+  return splats <= kSpareSplats * settings.cap_max * settings.iterations / budget_.first_iterations;
+}
+
+}  // namespace ubs
