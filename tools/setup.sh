@@ -90,7 +90,7 @@ demo() {
   "$ubs" train --data $out/data --out $out/run --spec data_specs/demo.yaml --overwrite
   "$ubs" report $out/run --out $out/report.html
   "$ubs" synth orbit --size 160 --views 80 --supersampling 2 --out $out/moving-data
-  "$ubs" train --data $out/moving-data --out $out/moving --spec data_specs/demo.yaml --dim 4 --iterations 1500 --no-plan --overwrite
+  "$ubs" train --data $out/moving-data --out $out/moving --spec data_specs/demo.yaml --dim 4 --iterations 1500 --overwrite
   "$ubs" web $out/moving $out/moving-data --out $out/moving.html --title "A model with time"
   cat <<TEXT
 

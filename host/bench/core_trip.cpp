@@ -6,18 +6,15 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <thread>
 #include <vector>
-
-#include "host/base/stopwatch.hpp"
 
 namespace ubs::bench {
 namespace {
 
 constexpr int kTrips = 200, kRuns = 10;
 constexpr int kSpins = 1 << 12;                    // between looks at the clock
-constexpr std::chrono::milliseconds kLongest{10};  // a pair of cores
+constexpr double kLongest = 0.01;                  // seconds for a pair of cores
 
 std::vector<int> cores_of_process() {
   cpu_set_t set;
@@ -37,7 +34,7 @@ void run_on(int core) {
 
 // Where cores are busy with something else a hand-over takes as long as their scheduler lets others run: the
 // time is looked at while one waits, and what was done until then counts.
-double round_trip_ns(int first, int second) {
+double round_trip_ns(int first, int second, const TimeSource& time) {
   alignas(64) std::atomic<int> ball{0};
   alignas(64) std::atomic<bool> over{false};
   std::thread answers([&] {
@@ -52,10 +49,10 @@ double round_trip_ns(int first, int second) {
   std::thread asks([&] {
     run_on(first);
     int sent = 0;
-    const Clock::time_point begin = Clock::now();
-    const auto late = [&] { return Clock::now() - begin > kLongest; };
+    const double begin = time.seconds();
+    const auto late = [&] { return time.seconds() - begin > kLongest; };
     for (int run = 0; run < kRuns && !over; ++run) {
-      const Clock::time_point start = Clock::now();
+      const double start = time.seconds();
       int trips = 0;
       for (; trips < kTrips && !over; ++trips, sent += 2) {
         ball.store(sent + 1, std::memory_order_release);
@@ -65,7 +62,7 @@ double round_trip_ns(int first, int second) {
             break;
           }
       }
-      const double ns = std::chrono::duration<double, std::nano>(Clock::now() - start).count() / trips;
+      const double ns = 1e9 * (time.seconds() - start) / std::max(1, trips);
       best = best > 0 ? std::min(best, ns) : ns;
       if (late()) over = true;
     }
@@ -78,11 +75,11 @@ double round_trip_ns(int first, int second) {
 
 }  // namespace
 
-double core_round_trip_ns() {
+double core_round_trip_ns(const TimeSource& time) {
   const std::vector<int> cores = cores_of_process();
   double farthest = 0;
   for (std::size_t i = 1; i < cores.size(); ++i)
-    farthest = std::max(farthest, round_trip_ns(cores.front(), cores[i]));
+    farthest = std::max(farthest, round_trip_ns(cores.front(), cores[i], time));
   return farthest;
 }
 

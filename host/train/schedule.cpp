@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 namespace ubs {
@@ -49,8 +50,9 @@ std::uint32_t Schedule::grown(std::uint32_t splats, int iteration) const {
 std::uint32_t Schedule::splats_at(double share) const {
   constexpr double kRounding = 1e-6;  // steps
   const double first = std::floor(static_cast<double>(scaled(s_.refine.first)) / every_);
-  const double last = std::min({share, s_.growth_end, 1.0}) * work_.steps();
-  const double end = std::min(last + kRounding, scaled(s_.refine.end) - kRounding);
+  const double end = std::min(
+      {share * work_.steps() + kRounding, scaled(s_.refine.end) - kRounding,
+       s_.growth_end < 1 ? s_.growth_end * work_.steps() - kRounding : std::numeric_limits<double>::max()});
   std::uint32_t splats = initial_;
   for (double event = first + 1; event * every_ <= end; ++event) {
     const std::uint32_t before = splats;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 
 #include "host/base/error.hpp"
 
@@ -20,7 +21,8 @@ constexpr double kMinStepShare = 0.1;  // of the measured step, however few spla
 // How far the speed changes at one point, and how much of a new measurement counts.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5, kFresh = 0.5;
 constexpr int kPoints = 100, kPointsOfRest = 10;  // of the whole run, of what is left of it
-constexpr double kSpareSplats = 1.25;
+const double kSpareSplats = std::getenv("SPARE") ? std::atof(std::getenv("SPARE")) : 2;
+const double kPersistence = std::getenv("PERS") ? std::atof(std::getenv("PERS")) : 0.5;
 
 // Few digits, for people who read config.yaml.
 double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
@@ -120,16 +122,23 @@ double BudgetPace::sweeps_left(double share) const {
   return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
 }
 
+// Steps on small images are slow because the machine is, or because splats are large now; whole images then
+// cost less than it seems.
+double BudgetPace::slowness_of_rest(double share) const {
+  const double firm = std::max(kPersistence, share);
+  return std::pow(std::max(slowness_, 1e-6), firm);
+}
+
 double BudgetPace::seconds_left(const WorkShare& work, int iteration) const {
   const double share = work.at(iteration);
-  return slowness_ * work.iterations_per_share(iteration) * time_.steps_left(share) + sweeps_left(share);
+  return slowness_of_rest(share) * work.iterations_per_share(iteration) * time_.steps_left(share) + sweeps_left(share);
 }
 
 double BudgetPace::iterations_per_share(const WorkShare& work, int iteration, double seconds) const {
   if (iteration == 0) return budget_.first_iterations;
   const double share = work.at(iteration);
   const double left = std::max(0.0, budget_.seconds - seconds - sweeps_left(share));
-  const double steps = std::max(slowness_, 1e-6) * time_.steps_left(share);
+  const double steps = slowness_of_rest(share) * time_.steps_left(share);
   const double before = work.iterations_per_share(iteration);
   return std::clamp(left / std::max(steps, 1e-12), kLeastChange * before, kMostChange * before);
 }

@@ -25,6 +25,7 @@ struct StepCost {
   int factor = 1;
   double fixed_ms = 0, each_ms = 0, sweep_ms = 0;
   double step_ms(double splats) const;
+  bool operator==(const StepCost&) const = default;
 };
 
 // The time that a schedule takes, by the costs of its steps.
@@ -53,6 +54,7 @@ struct TimeBudget {
   int most_iterations = kScheduleLength;
   int first_iterations = 0;  // what the settings were chosen for
   std::vector<StepCost> costs;
+  bool operator==(const TimeBudget&) const = default;
 };
 
 // The number of iterations that fits a time budget, as far as it can be known before the first one, and the
@@ -84,6 +86,7 @@ class BudgetPace {
 
  private:
   void measure(const WorkShare& work, int iteration, double seconds, double swept);
+  double slowness_of_rest(double share) const;
   double sweeps_left(double share) const;
   double iterations_per_share(const WorkShare& work, int iteration, double seconds) const;
 

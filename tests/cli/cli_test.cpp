@@ -494,7 +494,7 @@ TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in 
   const Result result = ubs_ok(folder, fmt::format("train --data data --out s {} --dim 7", kTiny));
   CHECK(result.err.find("warning: all training views have the same time") != std::string::npos);
   ubs_ok(folder, "synth glossy --size 16 --views 1 --out one");
-  const Result one = ubs_ok(folder, "train one --out from-one --iterations 1 --init-points 50 --no-plan");
+  const Result one = ubs_ok(folder, "train one --out from-one --iterations 1 --init-points 50");
   CHECK(one.err.find("warning: all training cameras stand at one place") != std::string::npos);
 }
 

@@ -247,7 +247,7 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
                         oracle::random_weights(lpips_network("alex"), 3).tensors);
   const auto train = [](int iterations) {
     return fmt::format(
-        "train --data data --out run --overwrite --quiet --dim 3 --iterations {} --no-plan "
+        "train --data data --out run --overwrite --quiet --dim 3 --iterations {} "
         "--init-points 60 --cap-max 90 --eval-every 40",
         iterations);
   };
@@ -279,7 +279,7 @@ TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
   const TempFolder folder;
   make_data(folder);
   const std::string train =
-      "train --data data --dim 3 --init-points 10 --cap-max 10 --quiet --no-plan --log-every 10 "
+      "train --data data --dim 3 --init-points 10 --cap-max 10 --quiet --log-every 10 "
       "--iterations ";
   CHECK(ended_by(folder, train + "1000000 --out run", SIGHUP, "run/log.csv").code == 130);
   CHECK(std::filesystem::exists(folder / "run/checkpoint.ubs"));
@@ -308,7 +308,7 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
          "train --data data --out run --dim 6 --iterations 20 --init-points 2000 --cap-max 2000 --quiet");
   ubs_ok(folder,
          "train --data data --out big --dim 6 --iterations 1 --init-points 60000 --cap-max 60000 --quiet "
-         "--no-plan --save-renders 0");
+         "--save-renders 0");
   // Within two seconds; what may be done by then, when it says that it has begun.
   for (const auto& [arguments, signal, begun] :
        {std::tuple{"bench", SIGINT, ""},

@@ -137,7 +137,7 @@ TEST_CASE("cli: noted cameras of a model of more than seven dimensions get typic
 TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 40 --views 8 --test-views 1");
-  ubs_ok(folder, "train data --out run --dim 7 --iterations 60 --init-points 600 --no-plan --quiet");
+  ubs_ok(folder, "train data --out run --dim 7 --iterations 60 --init-points 600 --quiet");
   const json said =
       json::parse(ubs_ok(folder, "convert run g.glb --distill 4s --series 2 --degree 1 --json").out);
   REQUIRE(said["distilled"].size() == 2);

@@ -34,7 +34,7 @@ using test::TempFolder;
 using test::ubs_ok;
 using test::whole_sweep;
 
-constexpr const char* kTiny = "--iterations 60 --init-points 100 --cap-max 120 --log-every 20 --no-plan";
+constexpr const char* kTiny = "--iterations 60 --init-points 100 --cap-max 120 --log-every 20";
 
 void synthesise(const TempFolder& folder, const fs::path& out) {
   test::put_scene(folder.path() / out, 24, 6, 2);
@@ -200,7 +200,7 @@ TEST_CASE("cli: a data path that no text can hold survives in every file") {
   const fs::path second = folder / (name + " second");
   test::ended_by(folder,
                  fmt::format("train --data {} --out {} --dim 3 --iterations 4000 --init-points 100 "
-                             "--cap-max 120 --no-plan --checkpoint-every 20",
+                             "--cap-max 120 --checkpoint-every 20",
                              shell(data), shell(second)),
                  SIGKILL, (name + " second") + "/checkpoint.ubs");
   REQUIRE(fs::exists(second / "checkpoint.ubs"));

@@ -19,7 +19,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-constexpr const char* kShort = "--init-points 100 --cap-max 120 --log-every 10 --quiet --no-plan";
+constexpr const char* kShort = "--init-points 100 --cap-max 120 --log-every 10 --quiet";
 
 void synthesise(const TempFolder& folder) {
   ubs_ok(folder, "synth glossy --out data --size 32 --views 4 --test-views 2 --supersampling 1");

@@ -169,7 +169,7 @@ TEST_CASE("report: page of one run", "[cli]") {
   const json metrics = json::parse(get(folder / "still/metrics.json"));
   CHECK(contains(text, fmt::format("{:.3f}", metrics["test"]["mean"]["psnr"].get<double>())));
   CHECK(contains(text, "3 of the 5 views of split &#39;test&#39;"));
-  for (const char* part : {"raster_backward", "Planned", "init_points", "device memory at most",
+  for (const char* part : {"raster_backward", "init_points", "device memory at most",
                            "direction conditioning", "Settings at their default", "prefers-color-scheme"})
     CHECK(contains(text, part));
   CHECK(page.all("circle").size() ==
@@ -328,7 +328,7 @@ void ended_run(const TempFolder& folder, const std::string& out, int signal) {
   test::ended_by(folder,
                  "train --data data --out " + out +
                      " --device cpu --iterations 100000 --init-points 150 --cap-max 200 --log-every 10 "
-                     "--checkpoint-every 50 --eval-every 50 --no-plan --quiet",
+                     "--checkpoint-every 50 --eval-every 50 --quiet",
                  signal, out + "/checkpoint.ubs");
 }
 

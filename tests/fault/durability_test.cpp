@@ -18,8 +18,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr const char* kRun =
-    "--data data --init-points 100 --cap-max 120 --iterations 20 --log-every 5 --checkpoint-every 8 --quiet "
-    "--no-plan";
+    "--data data --init-points 100 --cap-max 120 --iterations 20 --log-every 5 --checkpoint-every 8 --quiet";
 
 bool is_any(const std::string& name, std::initializer_list<const char*> names) {
   return std::ranges::count(names, name) > 0;

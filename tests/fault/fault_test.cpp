@@ -18,7 +18,7 @@ void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 5, 2)
 
 constexpr const char* kTraining =
     "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
-    "--log-every 10 --quiet --no-plan --out ";
+    "--log-every 10 --quiet --out ";
 
 // Times differ from run to run; whether the file is whole does not.
 std::string without_times(const std::string& path, const std::string& bytes) {

@@ -80,7 +80,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
 TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and says so", "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
-  ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet --no-plan");
+  ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet");
   const Result reduced = ubs_ok(folder, "reduce run data --out r.ply --bound 0.1 --quiet");
   CHECK_THAT(reduced.err, Contains("splats alone are given up") && Contains("conditioning direct"));
   const MixedModel model = read_mixed_ply(folder / "r.ply");

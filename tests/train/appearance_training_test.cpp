@@ -37,7 +37,7 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
   for (const auto& device : test::devices_under_test()) {
     // Rates of a short run (data_specs/fast.yaml). N = 3: with 6, splats take on the exposure of their views.
     TrainSettings settings = test::short_run(3, 1500, 1500);
-    settings.lr_cooldown.share = 0.15;
+    settings.lr_cooldown = 0.15;
     settings.lr_xyz_final = 4e-5;
     settings.lr_scale = 0.02;
     settings.lr_rgb = settings.lr_l_triangle = 0.005;

@@ -131,7 +131,7 @@ TEST_CASE("training refines poses and focal lengths that are off", "[cameras]") 
   for (Split* split : {&off.train, &off.test}) perturb(*split, 0.035, 0.04 * extent);
   for (const auto& device : test::devices_under_test()) {
     TrainSettings settings = test::short_run(3, 800, 1500);
-    settings.lr_cooldown.share = 0.15;
+    settings.lr_cooldown = 0.15;
     settings.lr_xyz_final = 4e-5;
     settings.lr_scale = 0.02;
     settings.lr_rgb = settings.lr_l_triangle = 0.005;

@@ -78,10 +78,14 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
         Trainer first(*device, settings, data.train, kNone, start(settings));
         run_to(first, cut);
         Checkpoint kept = checkpoint_of(settings, first.state());
-        kept.end_seconds = 12.5;
+        kept.budget = {.seconds = 12.5,
+                       .measured = 0.25,
+                       .most_iterations = 900,
+                       .first_iterations = 70,
+                       .costs = {{2, 3.5, 1e-3, 0}, {1, 7, 2e-3, 80}}};
         write_checkpoint(folder / "checkpoint", kept);
         const Checkpoint read = read_checkpoint(folder / "checkpoint");
-        CHECK(read.end_seconds == 12.5);
+        CHECK(read.budget == kept.budget);
         Trainer second(*device, read.settings, data.train, kNone, read.state.model);
         second.restore(read.state);
         CHECK(second.iteration() == cut);

@@ -51,17 +51,17 @@ Image8 noisy(int width, int height, bool masked) {
 }  // namespace
 
 TEST_CASE("pyramid: levels follow from settings and sizes", "[pyramid]") {
-  CHECK(pyramid_levels(with("", 100), views_of(800, 600)) == Levels{{1, 100}});
+  CHECK(pyramid_levels(with("", 100), views_of(800, 600)) == Levels{{1, 1}});
   const Levels three = pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(800, 600));
-  CHECK(three == Levels{{4, 200}, {2, 500}, {1, 1000}});
+  CHECK(three == Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   for (const auto& [iteration, factor] : {std::pair{1, 4}, {200, 4}, {201, 2}, {500, 2}, {501, 1}, {1000, 1}})
-    CHECK(level_at(three, iteration).factor == factor);
+    CHECK(factor_at(three, WorkShare(with("", 1000)), iteration) == factor);
   // Small images are reduced less; levels that become equal are one.
   CHECK(pyramid_levels(with("8:0.1,4:0.2,2:0.5", 1000), views_of(300, 256)) ==
-        Levels{{4, 200}, {2, 500}, {1, 1000}});
-  CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 500}, {1, 1000}});
-  CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1000}});
-  CHECK(pyramid_levels(with("4:0.2,2:0.5", 1), views_of(800, 600)) == Levels{{1, 1}});
+        Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
+  CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 0.5}, {1, 1}});
+  CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1}});
+  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // one iteration is nearest to half of it
   for (const char* wrong : {"2", "2:", "2:0.5,", "2:0.5,4:0.7", "4:0.5,2:0.2", "2:0", "2:1", "1:0.5",
                             "65:0.5", "2.5:0.5", "2:nan", ":0.5", "2:0.5;1:0.7", "2:0.5x"})
     CHECK(message_of([&] { validate(with(wrong, 100)); }, ErrorKind::usage).find("pyramid") !=
@@ -198,32 +198,17 @@ TEST_CASE("pyramid: the plan counts every level", "[pyramid][plan]") {
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(3, 1000, 2000);
     settings.pyramid = "2:0.5";
-    settings.lr_scale = 0;  // nothing spreads: no correction
     const SplatModel start = initialise_random(3, 2000, 1);
-    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start, false, false);
+    const RunPlan plan = plan_training(*device, settings, data.train, kNone, start);
     REQUIRE(plan.levels.size() == 2);
-    CHECK(plan.levels[0].level == PyramidLevel{2, 500});
+    CHECK((plan.levels[0].factor == 2 && plan.levels[0].until == 500));
     CHECK(plan.levels[0].start_ms > 0);
     CHECK(plan.seconds == Approx(0.5 * (plan.levels[0].start_ms + plan.levels[1].start_ms)).epsilon(1e-9));
     settings.pyramid.clear();
-    const RunPlan full = plan_training(*device, settings, data.train, kNone, start, false, false);
+    const RunPlan full = plan_training(*device, settings, data.train, kNone, start);
     CHECK(full.start.most_intersections == plan.start.most_intersections);
     CHECK(full.memory.total() == plan.memory.total());
   }
-}
-
-TEST_CASE("pyramid: seconds of a part of a run", "[pyramid][plan]") {
-  TrainSettings settings;
-  settings.iterations = 3000;  // refinements 60, 70 ... 2490
-  settings.growth = 2;
-  settings.cap_max = 200;
-  const std::vector<PlanLevel> levels{{{2, 600}, 1, 2}, {{1, 3000}, 4, 8}};
-  const auto seconds = [&](int iterations) {
-    return training_seconds(settings, levels, 100, 200, iterations);
-  };
-  CHECK(seconds(50) == Approx(0.050));
-  CHECK(seconds(600) == Approx(0.060 + 0.540 * 2));
-  CHECK(seconds(3000) == Approx(0.060 + 0.540 * 2 + 2.400 * 8));
 }
 
 }  // namespace ubs

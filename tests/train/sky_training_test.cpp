@@ -58,7 +58,7 @@ Data before(bool sky) {
 
 TrainSettings settings_for(Background::Learnt learnt) {
   TrainSettings settings = test::short_run(3, 600, 1500);
-  settings.lr_cooldown.share = 0.15;
+  settings.lr_cooldown = 0.15;
   settings.lr_scale = 0.02;
   settings.lr_rgb = 0.005;
   settings.background.learnt = learnt;

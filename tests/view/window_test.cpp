@@ -163,7 +163,7 @@ TEST_CASE("view: a photograph beside the picture") {
   }
   const TempFolder folder;
   test::ubs_ok(folder, "synth glossy --out data --size 64 --views 2 --test-views 1 --supersampling 1");
-  test::ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --no-plan --quiet");
+  test::ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
   const Screen screen;
   Process viewer(view(folder, fmt::format("DISPLAY={}", screen.display()),
                       "run data --size 320x240 --keys 2G --screenshot s.png --quit-after 0"));

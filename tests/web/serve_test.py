@@ -23,7 +23,7 @@ from pathlib import Path
 import browser
 
 UBS = sys.argv[1]
-TRAINING = "--init-points 300 --cap-max 500 --save-renders 0 --no-plan".split()
+TRAINING = "--init-points 300 --cap-max 500 --save-renders 0".split()
 
 
 # ---- Commands ----

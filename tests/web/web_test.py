@@ -410,7 +410,7 @@ def levels(page, folder):
 def report(page, folder):
     data, run = folder / "data", folder / "run"
     ubs("synth", "orbit", "--out", data, "--size", 64, "--views", 12, "--test-views", 2)
-    ubs("train", data, "--out", run, "--iterations", 60, "--init-points", 1500, "--no-plan", "--quiet")
+    ubs("train", data, "--out", run, "--iterations", 60, "--init-points", 1500, "--quiet")
     ubs("report", run, "--out", folder / "with.html")
     ubs("report", run, "--out", folder / "without.html", "--no-viewer")
     ubs("render", run, data, "--split", "train", "--views", 0, "--format", "npy", "--out", folder / "truth")

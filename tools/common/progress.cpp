@@ -11,21 +11,21 @@
 namespace ubs::tools {
 namespace {
 
-constexpr std::chrono::milliseconds kTerminalInterval{200};
-constexpr std::chrono::milliseconds kLogInterval{10000};
+constexpr double kTerminalInterval = 0.2, kLogInterval = 10;  // seconds
 
 }  // namespace
 
-Progress::Progress(int iterations, bool silent)
-    : iterations_(iterations),
+Progress::Progress(int iterations, bool silent, const TimeSource& time)
+    : time_(time),
+      iterations_(iterations),
       silent_(silent),
       terminal_(isatty(STDERR_FILENO) == 1),
-      shown_(Clock::now()) {}
+      shown_(time.seconds()) {}
 
 void Progress::update(const StepReport& report) {
   iterations_ = report.iterations;
   if (silent_) return;
-  const auto now = Clock::now();
+  const double now = time_.seconds();
   const bool due = now - shown_ >= (terminal_ ? kTerminalInterval : kLogInterval);
   if (!due && !report.test && !(terminal_ && report.iteration == iterations_)) return;
   shown_ = now;
@@ -58,21 +58,22 @@ void Progress::finish() {
   line_open_ = false;
 }
 
-CountProgress::CountProgress(std::size_t total, std::string what, bool silent)
-    : total_(total),
+CountProgress::CountProgress(std::size_t total, std::string what, bool silent, const TimeSource& time)
+    : time_(time),
+      total_(total),
       what_(std::move(what)),
       silent_(silent),
       terminal_(isatty(STDERR_FILENO) == 1),
-      start_(Clock::now()),
+      start_(time.seconds()),
       shown_(start_) {}
 
 void CountProgress::update(std::size_t done) {
   if (silent_) return;
-  const auto now = Clock::now();
+  const double now = time_.seconds();
   if (now - shown_ < (terminal_ ? kTerminalInterval : kLogInterval) && !(line_open_ && done == total_))
     return;
   shown_ = now;
-  const double seconds = std::chrono::duration<double>(now - start_).count();
+  const double seconds = now - start_;
   std::string line = fmt::format("{}/{} {}", done, total_, what_);
   if (done > 0 && seconds > 0) {
     const double rate = static_cast<double>(done) / seconds;

@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: Apache-2.0
+// Time budgets: how many iterations are chosen for measured costs, how a run keeps to its time on simulated
+// machines that are quicker, slower or loaded, and that its settings repeat it without a clock.
+#include "host/train/time_budget.hpp"
+
+#include <catch2/catch.hpp>
+#include <functional>
+
+#include "host/spec/settings.hpp"
+#include "host/train/measure_steps.hpp"
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/simulated_time.hpp"
+
+namespace ubs {
+namespace {
+
+using test::message_of;
+
+Split views_of(int side) {
+  View view;
+  view.camera.width = view.camera.height = side;
+  return {"train", {view}};
+}
+
+// 2 ms a thousand splats and 1 ms beside on whole images, a fifth of it on the coarsest.
+std::vector<StepCost> some_costs() {
+  return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}};
+}
+
+TimeBudget budget_of(double seconds) { return {.seconds = seconds, .measured = 0.5, .costs = some_costs()}; }
+
+// How a machine differs from what was measured: the factor of a step's time, and what comes beside.
+struct Machine {
+  const char* name;
+  std::function<double(double seconds)> slowness;
+  double stop_at = -1, stop = 0;  // seconds
+  double coarse = 1;              // further factor of steps on reduced images
+};
+
+std::vector<Machine> machines() {
+  const auto constant = [](double factor) { return [factor](double) { return factor; }; };
+  return {{"as measured", constant(1)},
+          {"a third slower", constant(1.3)},
+          {"ten times slower", constant(10)},
+          {"ten times quicker", constant(0.1)},
+          {"a load in the middle", [](double s) { return s > 15 && s < 30 ? 3.0 : 1.0; }},
+          {"a load at the end", [](double s) { return s > 30 ? 3.0 : 1.0; }},
+          {"a load at first", [](double s) { return s < 10 ? 4.0 : 1.0; }},
+          {"small images slower than thought", constant(1), -1, 0, 2.5},
+          {"small images quicker than thought", constant(1), -1, 0, 0.4},
+          {"a load that comes and goes", [](double s) { return std::fmod(s, 4) < 2 ? 2.0 : 1.0; }},
+          {"a stop of six seconds", constant(1), 20, 6}};
+}
+
+struct Simulated {
+  TrainSettings settings;
+  double seconds = 0;
+  int first_iterations = 0;
+};
+
+// The run of a budget on such a machine: as Trainer does it, without a device.
+Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine) {
+  const Split train = views_of(800);
+  auto [settings, budget] = choose_iterations(std::move(asked), base, train, points);
+  const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
+  BudgetPace pace(budget, settings, train, points);
+  double now = budget.measured, swept = 0;
+  bool stopped = false;
+  pace.begin(WorkShare(settings), 0, now, 0);
+  pace.advance(settings, 0, now, 0);
+  Schedule schedule(settings, points);
+  for (int i = 1; i <= settings.iterations; ++i) {
+    const double share = schedule.work().at(i);
+    const int factor = factor_at(levels, schedule.work(), i);
+    const StepCost& cost = *std::ranges::find(budget.costs, factor, &StepCost::factor);
+    const double factor_now = machine.slowness(now) * (factor > 1 ? machine.coarse : 1);
+    now += 1e-3 * factor_now * cost.step_ms(schedule.splats_at(share));
+    if (schedule.camera_sweep(i)) {
+      const double seconds = 1e-3 * factor_now * cost.sweep_ms;
+      now += seconds;
+      swept += seconds;
+    }
+    if (!stopped && machine.stop_at >= 0 && now > machine.stop_at) {
+      now += machine.stop;
+      stopped = true;
+    }
+    if (i == schedule.work().last().iteration && i < settings.iterations) {
+      pace.advance(settings, i, now, swept);
+      validate(settings);
+      schedule = schedule.with(settings);
+    }
+  }
+  return {settings, now, budget.first_iterations};
+}
+
+}  // namespace
+
+TEST_CASE("time budget: times are read", "[budget]") {
+  for (const auto& [text, seconds] : {std::pair{"90", 90.0}, {"90s", 90.0}, {"1.5m", 90.0}, {"2h", 7200.0}})
+    CHECK(time_budget_seconds(text) == seconds);
+  for (const char* wrong : {"", "s", "-5s", "0", "10 min", "1d", "nan", "1e9h"})
+    CHECK(message_of([&] { time_budget_seconds(wrong); }, ErrorKind::usage).find("90s") != std::string::npos);
+}
+
+TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweeps", "[budget]") {
+  TrainSettings settings = fast_settings();
+  settings.refine = {0, 0, 1};
+  settings.pyramid = "4:0.25,2:0.5";
+  std::vector<StepCost> costs = some_costs();
+  costs[2].sweep_ms = 1000;
+  const WorkTime time(costs, Schedule(settings, 2000), pyramid_levels(settings, views_of(800)));
+  CHECK(time.steps_left(0) == Approx(1e-3 * (0.25 * 0.6 + 0.25 * 1.5 + 0.5 * 3)));
+  CHECK(time.steps_left(0.75) == Approx(1e-3 * 0.25 * 3));
+  CHECK(time.steps_left(1) == 0);
+  CHECK(time.sweeps_left(0) == Approx(10));  // of twenty between 0.1 and 0.9
+  CHECK(time.sweeps_left(0.95) == 0);
+  CHECK_THROWS_AS(WorkTime({some_costs()[0]}, Schedule(settings, 2000), pyramid_levels(settings, views_of(800))),
+                  Error);
+}
+
+TEST_CASE("time budget: as many iterations are chosen as fit the measured costs", "[budget]") {
+  const Split train = views_of(800);
+  int before = 0;
+  for (const double seconds : {5.0, 30.0, 90.0, 600.0}) {
+    const BudgetedRun run = choose_iterations(budget_of(seconds), fast_settings(), train, 9000);
+    INFO(seconds << " s: " << run.settings.iterations << " iterations");
+    CHECK(run.settings.iterations == run.budget.first_iterations);
+    CHECK(run.settings.iterations > before);
+    before = run.settings.iterations;
+    const WorkTime time(run.budget.costs, Schedule(run.settings, 9000), pyramid_levels(run.settings, train));
+    const double expected = run.settings.iterations * time.steps_left(0);
+    CHECK(expected <= seconds - 0.5);
+    CHECK(expected > 0.97 * (seconds - 0.5));
+  }
+  TimeBudget bounded = budget_of(1e6);
+  bounded.most_iterations = 16000;
+  CHECK(choose_iterations(bounded, fast_settings(), train, 9000).settings.iterations == 16000);
+  CHECK(message_of([&] { choose_iterations(budget_of(0.6), fast_settings(), train, 9000); }, ErrorKind::usage)
+            .find("give more time") != std::string::npos);
+}
+
+TEST_CASE("time budget: it is kept within 2 % on quick, slow and loaded machines", "[budget]") {
+  std::vector<StepCost> with_sweeps = some_costs();
+  for (StepCost& cost : with_sweeps) cost.sweep_ms = 300.0 / cost.factor;
+  for (const Machine& machine : machines())
+    for (const bool sweeps : {false, true}) {
+      TimeBudget budget = budget_of(45);
+      TrainSettings base = fast_settings();
+      if (sweeps) {
+        budget.costs = with_sweeps;
+        base.refine_cameras = RefineCameras::pose;
+      }
+      const Simulated run = simulate(budget, base, 9000, machine);
+      INFO(machine.name << (sweeps ? ", with sweeps: " : ": ") << run.seconds << " s, "
+                        << run.settings.iterations << " iterations, first " << run.first_iterations);
+      const bool all = run.settings.iterations == kScheduleLength;  // more time would change nothing
+      if (!all) CHECK(run.seconds > 0.98 * 45);
+      CHECK(run.seconds < 1.02 * 45);
+      CHECK(run.settings.iterations <= kScheduleLength);
+      CHECK(share_points(run.settings).back().share == 1);
+    }
+}
+
+TEST_CASE("time budget: a run that has lost its time ends soon, with its whole schedule", "[budget]") {
+  const Machine stopped{"a stop of ten minutes", [](double) { return 1.0; }, 20, 600};
+  const Simulated run = simulate(budget_of(45), fast_settings(), 9000, stopped);
+  CHECK(run.seconds < 620 + 3);
+  CHECK(share_points(run.settings).back().share == 1);
+}
+
+TEST_CASE("time budget: where the iterations fit, the clock changes none of the settings", "[budget]") {
+  std::vector<std::string> shares;
+  for (const Machine& machine : machines()) {
+    TimeBudget budget = budget_of(1e5);
+    budget.most_iterations = 2000;
+    const Simulated run = simulate(budget, fast_settings(), 9000, machine);
+    CHECK(run.settings.iterations == 2000);
+    shares.push_back(run.settings.work_shares);
+  }
+  for (const std::string& other : shares) CHECK(other == shares[0]);
+}
+
+namespace {
+
+TimeBudget small_budget() {
+  return {.seconds = 30, .measured = 1, .costs = {{1, 100, 0, 0}}};
+}
+
+struct Trained {
+  TrainSettings settings;
+  SplatModel model;
+  double seconds = 0;
+  std::uint32_t splats = 0;
+};
+
+TrainSettings budgeted_settings() {
+  TrainSettings settings = test::short_run(6, 250, 300);
+  settings.cap_max = 900;
+  settings.growth = 1.2;
+  settings.refine.step = 1000;
+  settings.lr_cooldown = 0.2;
+  settings.log_every = 5;
+  return settings;
+}
+
+// Iterations take `seconds_of` on the simulated clock. `from`: a state to go on from, with its settings.
+struct Kept {
+  TrainState state;
+  TrainSettings settings;
+};
+Trained train_in_time(Device& device, const test::Data& data, TrainSettings settings,
+                      const std::function<double(int)>& seconds_of, const Kept* from = nullptr,
+                      Kept* keep_at_80 = nullptr) {
+  test::SimulatedTime time;
+  const SplatModel first = test::start(settings);
+  TimeBudget budget = small_budget();
+  budget.first_iterations = settings.iterations;
+  if (from) settings = from->settings;
+  Trainer trainer(device, settings, data.train, test::kNone, first, alone(), time);
+  if (from) trainer.restore(from->state);
+  trainer.keep_to(budget);
+  Trained out;
+  time.advance(seconds_of(trainer.iteration() + 1));
+  trainer.run([&](const StepReport& report) {
+    out.seconds = report.seconds;
+    if (keep_at_80 && report.iteration == 80) *keep_at_80 = {trainer.state(), trainer.settings()};
+    time.advance(seconds_of(report.iteration + 1));
+    return true;
+  });
+  out.settings = trainer.settings();
+  out.model = trainer.model();
+  out.splats = trainer.splats();
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("time budget: settings repeat the run without a clock, and so does a continued one", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 32, 4);
+  const TrainSettings settings = budgeted_settings();
+  const auto as_measured = [](int) { return 0.1; };
+  const auto loaded = [](int i) { return i > 60 && i < 110 ? 0.3 : 0.1; };
+  const auto slow = [](int) { return 0.35; };
+  for (const auto& device : devices_under_test())
+    for (const std::function<double(int)>& seconds_of :
+         {std::function<double(int)>(as_measured), {loaded}, {slow}}) {
+      Kept kept;
+      const Trained run = train_in_time(*device, data, settings, seconds_of, nullptr, &kept);
+      INFO(run.settings.iterations << " iterations, " << run.seconds << " s, " << run.settings.work_shares);
+      CHECK(run.seconds == Approx(30).margin(0.6));
+      validate(run.settings);
+      // As text, like config.yaml.
+      TrainSettings read = settings;
+      TrainSettings written = run.settings;
+      for (const char* key : {"iterations", "work_shares", "growth_end"})
+        for (const FieldValue& field : bind_fields(written, train_fields()))
+          if (field.key == std::string(key))
+            set_field(bind_fields(read, train_fields()), key, field_text(field), "test");
+      Trainer again(*device, read, data.train, test::kNone, test::start(settings));
+      again.run([](const StepReport&) { return true; });
+      CHECK(test::same_bits(again.model().values, run.model.values));
+      // Without a clock, and on the same clock from a state in the middle.
+      TrainSettings rest = read;
+      Trainer without(*device, rest, data.train, test::kNone, test::start(settings));
+      without.restore(kept.state);
+      without.run([](const StepReport&) { return true; });
+      CHECK(test::same_bits(without.model().values, run.model.values));
+      const Trained continued = train_in_time(*device, data, settings, seconds_of, &kept);
+      CHECK(continued.seconds == Approx(30).margin(0.6));
+      const std::string begun = kept.settings.work_shares;
+      CHECK(continued.settings.work_shares.starts_with(begun));
+    }
+}
+
+TEST_CASE("time budget: splats that there is no time for are not added", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 32, 4);
+  const TrainSettings settings = budgeted_settings();
+  for (const auto& device : devices_under_test()) {
+    const Trained quick = train_in_time(*device, data, settings, [](int) { return 0.1; });
+    CHECK(quick.splats == 900);
+    CHECK(quick.settings.growth_end == 1);
+    const Trained slow = train_in_time(*device, data, settings, [](int) { return 0.35; });
+    INFO(slow.settings.iterations << " iterations, growth until " << slow.settings.growth_end);
+    CHECK(slow.splats < 700);
+    CHECK(slow.settings.growth_end < 0.6);
+  }
+}
+
+TEST_CASE("time budget: steps are measured on every level, and the first splats are untouched", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 144, 4);
+  for (const auto& device : devices_under_test())
+    for (const bool cameras : {false, true}) {
+      TrainSettings settings = fast_settings();
+      settings.dim = 3;
+      if (cameras) settings.refine_cameras = RefineCameras::pose;
+      const SplatModel initial = initialise_random(3, 800, 1);
+      const std::vector<float> before = initial.values;
+      const std::vector<StepCost> costs = measure_steps(*device, settings, data.train, initial, 1600);
+      CHECK(initial.values == before);
+      REQUIRE(costs.size() == 2);  // a quarter of 144 pixels would be too small
+      CHECK(costs[0].factor == 2);
+      CHECK(costs[1].factor == 1);
+      for (const StepCost& cost : costs) {
+        CHECK((cost.step_ms(800) > 0 && cost.step_ms(1600) >= cost.step_ms(800)));
+        CHECK((cost.sweep_ms > 0) == cameras);
+      }
+    }
+}
+
+}  // namespace ubs

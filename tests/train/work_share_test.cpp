@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// The share of the work that is done: in proportion to the iterations, through recorded points, and that all
+// of a schedule follows from it.
+#include "host/train/work_share.hpp"
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <random>
+
+#include "host/spec/settings.hpp"
+#include "host/train/pyramid.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/train/schedule.hpp"
+#include "tests/support/temp_folder.hpp"
+
+namespace ubs {
+namespace {
+
+using test::message_of;
+
+TrainSettings settings_of(int iterations, const std::string& shares = {}) {
+  TrainSettings s;
+  s.dim = 6;
+  s.iterations = iterations;
+  s.work_shares = shares;
+  s.lr_cooldown = 0.15;
+  s.pyramid = "4:0.5,2:0.8";
+  return resolve_automatic(s);
+}
+
+// A run that stands at a random number of points, which it goes through at random speeds.
+TrainSettings random_course(std::mt19937& random, int points) {
+  std::uniform_int_distribution<int> apart(1, 60);
+  std::uniform_real_distribution<double> step(0.001, std::min(0.9, 1.8 / points));
+  std::vector<SharePoint> course;
+  SharePoint at;
+  for (int k = 0; k < points; ++k) {
+    at = {at.iteration + apart(random), at.share + step(random)};
+    if (at.share >= 1) break;
+    course.push_back(at);
+  }
+  const int end = course.back().iteration + apart(random);
+  course.push_back({end, 1});
+  return settings_of(end, to_string(course));
+}
+
+std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
+  View view;
+  view.camera.width = view.camera.height = 512;
+  return pyramid_levels(settings, {"train", {view}});
+}
+
+}  // namespace
+
+TEST_CASE("work share: without points it is in proportion to the iterations", "[schedule]") {
+  for (const int iterations : {1, 7, 1000, 16001, 30000}) {
+    const TrainSettings settings = settings_of(iterations);
+    const WorkShare work(settings);
+    const Schedule schedule(settings, 1000);
+    const auto scaled = [&](int i) { return std::llround(static_cast<double>(i) * iterations / 30000); };
+    const int every = static_cast<int>(std::max(1ll, scaled(100)));
+    CHECK(work.steps() == iterations);
+    for (int i = 1; i <= iterations; ++i) {
+      CHECK(work.at(i) == static_cast<double>(i) / iterations);
+      const bool refines = i > scaled(500) && i < scaled(25000) && i % every == 0;
+      REQUIRE(schedule.refines(i) == refines);
+    }
+    for (const double share : {0.1, 0.5, 0.85, 1.0})
+      CHECK(work.iteration_at(share * iterations) == std::llround(share * iterations));
+    CHECK(work.iterations_per_share(1) == iterations);
+  }
+}
+
+TEST_CASE("work share: between points it is linear, and the last piece ends with the run", "[schedule]") {
+  const TrainSettings settings = settings_of(400, "100:0.5,200:0.6");
+  const WorkShare work(settings);
+  CHECK(work.at(0) == 0);
+  CHECK(work.at(50) == Approx(0.25));
+  CHECK(work.at(100) == 0.5);
+  CHECK(work.at(150) == Approx(0.55));
+  CHECK(work.at(300) == Approx(0.8));
+  CHECK(work.at(400) == 1);
+  CHECK(work.iteration_at(0.25 * work.steps()) == 50);
+  CHECK(work.iteration_at(0.5 * work.steps()) == 100);
+  CHECK(work.iteration_at(0.8 * work.steps()) == 300);
+  CHECK(work.iterations_per_share(100) == Approx(200));
+  CHECK(work.iterations_per_share(101) == Approx(1000));
+  CHECK(work.last().iteration == 200);
+  // Published iterations count from the share: 1500 of 30 000 are a twentieth of the work.
+  const Schedule schedule(settings, 1000);
+  CHECK_FALSE(schedule.regularises(3));
+  CHECK(schedule.regularises(4));  // 500 of 30 000 are 3.3 iterations here
+  const ParameterLayout layout(6);
+  const Schedule plain(settings_of(1000), 1000);
+  for (const int i : {50, 100, 150, 300, 390})
+    CHECK(schedule.learning_rates(layout, i)[0] ==
+          Approx(plain.learning_rates(layout, static_cast<int>(std::lround(1000 * work.at(i))))[0]));
+  CHECK(schedule.learning_rates(layout, 400)[0] == 0);
+}
+
+TEST_CASE("work share: points that follow change nothing of what is over", "[schedule]") {
+  std::mt19937 random(1);
+  for (int run = 0; run < 200; ++run) {
+    const TrainSettings settings = random_course(random, 1 + run % 12);
+    validate(settings);
+    const std::vector<SharePoint> course = share_points(settings);
+    const Schedule whole(settings, 1000);
+    const std::vector<PyramidLevel> levels = levels_of(settings);
+    INFO(settings.work_shares);
+    for (std::size_t known = 1; known < course.size(); ++known) {
+      // As the run saw it then, with another end in sight.
+      const int until = course[known - 1].iteration;
+      const TrainSettings then = settings_of(until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
+      const Schedule part(then, 1000);
+      for (int i = 1; i <= until; ++i) {
+        REQUIRE(part.work().at(i) == whole.work().at(i));
+        REQUIRE(part.refines(i) == whole.refines(i));
+        REQUIRE(part.regularises(i) == whole.regularises(i));
+        REQUIRE(part.camera_sweep(i) == whole.camera_sweep(i));
+        REQUIRE(part.noise(i) == whole.noise(i));
+        REQUIRE(factor_at(levels, part.work(), i) == factor_at(levels, whole.work(), i));
+      }
+    }
+  }
+}
+
+TEST_CASE("work share: a course has the refinements, the growth and the sweeps of its schedule",
+          "[schedule]") {
+  std::mt19937 random(2);
+  TrainSettings settings = random_course(random, 12);
+  std::vector<SharePoint> course = share_points(settings);
+  for (SharePoint& point : course) point.iteration *= 40;  // many iterations to a refinement
+  settings.iterations *= 40;
+  settings.work_shares = to_string(course);
+  settings.refine.step = 1000;
+  settings.growth = 1.1;
+  const Schedule schedule(settings, 1000);
+  int refinements = 0, sweeps = 0;
+  std::uint32_t splats = 1000;
+  for (int i = 1; i <= settings.iterations; ++i) {
+    sweeps += schedule.camera_sweep(i).has_value();
+    if (!schedule.refines(i)) continue;
+    ++refinements;
+    splats = schedule.grown(splats, i);
+    CHECK(schedule.splats_at(schedule.work().at(i) + 1e-4) == splats);
+  }
+  CHECK(refinements == 24);  // of 1000 steps, after 500 and before 25 000
+  CHECK(sweeps == 20);
+  CHECK(splats == schedule.splats_at(1));
+  TrainSettings stopped = settings;
+  stopped.growth_end = 0.5;
+  const Schedule half(stopped, 1000);
+  CHECK(half.splats_at(1) == schedule.splats_at(0.4999));
+  const int behind = half.work().iteration_at(0.51 * half.work().steps());
+  CHECK(half.grown(1000, behind) == 1000);
+  CHECK(schedule.grown(1000, behind) == 1100);
+}
+
+TEST_CASE("work share: what is no course is refused", "[schedule]") {
+  for (const char* wrong : {"5", "5:", ":0.5", "5:0.5,", "5:0.5,5:0.6", "5:0.5,6:0.5", "5:1.5", "5:nan",
+                            "-5:0.5", "5:0", "5:0.5;6:0.6"})
+    CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage).find("work_shares must be") !=
+          std::string::npos);
+  for (const char* wrong : {"50:0.5,101:0.6", "50:0.5,99:1", "100:0.5"})
+    CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
+              .find("belongs to a number of iterations") != std::string::npos);
+  validate(settings_of(100, "50:0.5,100:1"));
+}
+
+}  // namespace ubs
