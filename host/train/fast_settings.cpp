@@ -20,7 +20,8 @@ constexpr double kGrownAt = 0.5;  // share of the run after which no splats are 
 // 30 000 iterations. Faster ones than kFastest break what is there.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
-constexpr int kSplatsAnIteration = 15, kPointsAnIteration = 40, kMinSplats = 10000;
+constexpr int kSplatsAnIteration = 15, kMovingSplatsAnIteration = 8, kPointsAnIteration = 40,
+              kMinSplats = 10000;
 
 // fast_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares
 // on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
@@ -66,6 +67,9 @@ void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
                              fallen(step.share, kPyramidPower, iterations));
 }
 
+// The direct form with time, which runs take where things move.
+bool moves(const TrainSettings& s) { return s.dim != kAutoInt && has_time(s.dim) && s.variant.direct(); }
+
 int refine_interval(int iterations) { return std::clamp(iterations / kMinRefinements, 1, kRefineEvery); }
 
 }  // namespace
@@ -89,9 +93,10 @@ TrainSettings fast_settings() {
   return s;
 }
 
-int fast_run_splats(int iterations, std::size_t points) {
+int fast_run_splats(int iterations, std::size_t points, bool moving) {
   const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
-  return std::max({kMinSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
+  return std::max(
+      {kMinSplats, (moving ? kMovingSplatsAnIteration : kSplatsAnIteration) * iterations, static_cast<int>(kept)});
 }
 
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t points,
@@ -100,13 +105,13 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   TrainSettings s = settings;
   s.iterations = iterations;
   if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
-    s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points));
+    s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points, moves(s)));
   // Where pictures place points, auto repeats it.
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
-  if (has_time(s.dim) && s.variant.direct() &&
+  if (moves(s) &&
       is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;

@@ -28,7 +28,8 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
                                 const PictureFacts& pictures = {});
 // Returns how many splats such a run starts with.
 std::size_t first_splats(const TrainSettings& settings, std::size_t initial);
-// Returns how many splats such a run ends with, unless cap_max says otherwise.
-int fast_run_splats(int iterations, std::size_t initial);
+// Returns how many splats such a run ends with, unless cap_max says otherwise. `moving`: of the direct form
+// with time.
+int fast_run_splats(int iterations, std::size_t initial, bool moving);
 
 }  // namespace ubs

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 
 #include "host/base/error.hpp"
 
@@ -21,8 +20,7 @@ constexpr double kMinStepShare = 0.1;  // of the measured step, however few spla
 // How far the speed changes at one point, and how much of a new measurement counts.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5, kFresh = 0.5;
 constexpr int kPoints = 100, kPointsOfRest = 10;  // of the whole run, of what is left of it
-const double kSpareSplats = std::getenv("SPARE") ? std::atof(std::getenv("SPARE")) : 2;
-const double kPersistence = std::getenv("PERS") ? std::atof(std::getenv("PERS")) : 0.5;
+constexpr double kSpareSplats = 2;
 
 // Few digits, for people who read config.yaml.
 double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
@@ -122,11 +120,10 @@ double BudgetPace::sweeps_left(double share) const {
   return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
 }
 
-// Steps on small images are slow because the machine is, or because splats are large now; whole images then
-// cost less than it seems.
+// Steps are slow because the machine is, or because splats are large for a while: early in a run the second is
+// as likely (docs/results/2026-11-26-share-of-the-work.md).
 double BudgetPace::slowness_of_rest(double share) const {
-  const double firm = std::max(kPersistence, share);
-  return std::pow(std::max(slowness_, 1e-6), firm);
+  return std::pow(std::max(slowness_, 1e-6), std::sqrt(share));
 }
 
 double BudgetPace::seconds_left(const WorkShare& work, int iteration) const {

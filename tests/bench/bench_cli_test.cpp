@@ -95,7 +95,7 @@ TEST_CASE("bench: an interrupted run saves what it has and exits with 130") {
   put(folder / "run.sh",
       fmt::format("'{}' bench --run '^iteration.*synthetic' --sizes 64x64/1K --min-time 1 --max-time 1 "
                   "--json a.json >out & pid=$!\n"
-                  "for i in $(seq 600); do grep -q ^iteration out && break; sleep 0.1; done\n"
+                  "for i in $(seq 6000); do grep -q ^iteration out && break; sleep 0.1; done\n"
                   "kill -INT $pid; wait $pid; echo $? >code\n",
                   UBS_EXECUTABLE));
   REQUIRE(std::system(fmt::format("cd '{}' && bash -m run.sh 2>/dev/null", folder.path().string()).c_str()) ==

@@ -515,7 +515,7 @@ TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
   put(folder / "run.sh",
       fmt::format("'{}' train --data data --out run --iterations 1000000 --init-points 200 "
                   "--cap-max 200 --log-every 5 --quiet & pid=$!\n"
-                  "for i in $(seq 600); do [ \"$(wc -l <run/log.csv 2>/dev/null || echo 0)\" -gt 1 ] "
+                  "for i in $(seq 6000); do [ \"$(wc -l <run/log.csv 2>/dev/null || echo 0)\" -gt 1 ] "
                   "&& break; sleep 0.1; done\nkill -INT $pid; kill -INT $pid; wait $pid; echo $? >code\n",
                   UBS_EXECUTABLE));
   // Non-interactive shells start background jobs with SIGINT ignored; bash -m does not.

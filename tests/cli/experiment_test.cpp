@@ -96,7 +96,7 @@ TEST_CASE("cli: an experiment survives being killed", "[cli]") {
   // The second job runs until it is killed with the program: no time for either to tidy up.
   const std::string kill = fmt::format(
       "cd '{0}' && {{ '{1}' {2} --set iterations=100000 >/dev/null 2>&1 & program=$!; }}; i=0; "
-      "until [ -s out/e/runs/short.toys.shiny.partial/log.csv ] || [ $i -ge 3000 ]; do sleep 0.05; "
+      "until [ -s out/e/runs/short.toys.shiny.partial/log.csv ] || [ $i -ge 12000 ]; do sleep 0.05; "
       "i=$((i+1)); done; "
       "kill -9 $program",
       folder.path().string(), UBS_EXECUTABLE, arguments);

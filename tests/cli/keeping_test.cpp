@@ -56,7 +56,7 @@ int interrupted_run(const TempFolder& folder, const std::string& out, const char
   const std::string wanted = std::string(signal) == "KILL" ? "checkpoint.ubs" : "log.csv";
   const Result result =
       shell(folder, fmt::format("\"$ubs\" train {} --out {} {} & pid=$!\n"
-                                "for i in $(seq 3000); do [ -s {}/{} ] && break; sleep 0.02; done\n"
+                                "for i in $(seq 30000); do [ -s {}/{} ] && break; sleep 0.02; done\n"
                                 "sleep 0.1; kill -{} $pid; wait $pid 2>/dev/null\nexit $?",
                                 kRun, out, more, out, wanted, signal));
   return result.code;

@@ -41,7 +41,7 @@ const std::string kAsRank =
 Result ranks(const TempFolder& folder, int count, const std::string& arguments,
              const std::string& environment = "") {
   return test::run_command(
-      folder, fmt::format("env {} {} timeout 120 {} {} -n {} '{}' {}", kAsRank, environment, UBS_MPIEXEC,
+      folder, fmt::format("env {} {} timeout 600 {} {} -n {} '{}' {}", kAsRank, environment, UBS_MPIEXEC,
                           UBS_MPIEXEC_FLAGS, count, UBS_EXECUTABLE, arguments));
 }
 
@@ -140,12 +140,12 @@ void kill_one(const TempFolder& folder, int count, const std::string& arguments,
   test::put(folder / "kill.sh", fmt::format(R"(
 export {} {}
 {} {} -n {} '{}' {} & job=$!
-for i in $(seq 1000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
+for i in $(seq 30000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
 kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
 wait $job)",
                                             kAsRank, environment, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, count,
                                             UBS_EXECUTABLE, arguments));
-  const Result killed = test::run_command(folder, "timeout 120 bash kill.sh");
+  const Result killed = test::run_command(folder, "timeout 600 bash kill.sh");
   INFO(killed.err);
   CHECK(killed.code != 0);
   CHECK(killed.code != 124);  // it did not hang
@@ -266,7 +266,7 @@ TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
   const std::string self = fs::read_symlink("/proc/self/exe").string();
   const Result result = test::run_command(
       folder,
-      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 timeout 100 {} {} -n 3 "
+      fmt::format("env OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 timeout 600 {} {} -n 3 "
                   "'{}' '[.rank]'",
                   UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, self));
   INFO(result.out << result.err);
@@ -286,7 +286,7 @@ TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not 
                   "sleep 0.02; done; prlimit --pid $$ --fsize=60000) &\n"
                   "exec '{}' {}",
                   UBS_EXECUTABLE, run));
-  const Result result = test::run_command(folder, fmt::format("env {} timeout 100 {} {} -n 2 bash full.sh",
+  const Result result = test::run_command(folder, fmt::format("env {} timeout 600 {} {} -n 2 bash full.sh",
                                                               kAsRank, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
   INFO(result.err);
   REQUIRE(result.code == 0);
@@ -515,7 +515,7 @@ TEST_CASE("ranks: without a word about time they take the schedule that one proc
       folder / "stop.sh",
       fmt::format("{} {} -n 2 '{}' train data --out run --dim 3 --init-points 50 --cap-max 60 "
                   ">out.txt 2>&1 & pid=$!\n"
-                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 600 ]; do sleep 0.1; i=$((i+1)); done\n"
+                  "i=0; until grep -q '^begins' out.txt || [ $i -ge 6000 ]; do sleep 0.1; i=$((i+1)); done\n"
                   "kill -TERM $pid; wait $pid\n",
                   UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE));
   test::run_command(folder, fmt::format("env {} sh stop.sh", kAsRank));
@@ -566,7 +566,7 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
           "exec '{}' {}",
           UBS_EXECUTABLE, training(6, 4, "stuck", 100'000)));
   const Result stuck = test::run_command(
-      folder, fmt::format("env {} UBS_RANK_PATIENCE=2 timeout -k 1 60 {} {} -n 2 bash stuck.sh", kAsRank,
+      folder, fmt::format("env {} UBS_RANK_PATIENCE=2 timeout -k 1 600 {} {} -n 2 bash stuck.sh", kAsRank,
                           UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
   INFO(stuck.err);
   CHECK(stuck.code == 4);

@@ -140,12 +140,12 @@ TEST_CASE("time budget: as many iterations are chosen as fit the measured costs"
             .find("give more time") != std::string::npos);
 }
 
-TEST_CASE("time budget: it is kept within 2 % on quick, slow and loaded machines", "[budget]") {
+TEST_CASE("time budget: it is kept within 2 % and 2 s on quick, slow and loaded machines", "[budget]") {
   std::vector<StepCost> with_sweeps = some_costs();
   for (StepCost& cost : with_sweeps) cost.sweep_ms = 300.0 / cost.factor;
   for (const Machine& machine : machines())
-    for (const bool sweeps : {false, true}) {
-      TimeBudget budget = budget_of(45);
+    for (const auto& [seconds, sweeps] : {std::pair{45.0, false}, {45.0, true}, {400.0, false}}) {
+      TimeBudget budget = budget_of(seconds);
       TrainSettings base = fast_settings();
       if (sweeps) {
         budget.costs = with_sweeps;
@@ -155,8 +155,9 @@ TEST_CASE("time budget: it is kept within 2 % on quick, slow and loaded machines
       INFO(machine.name << (sweeps ? ", with sweeps: " : ": ") << run.seconds << " s, "
                         << run.settings.iterations << " iterations, first " << run.first_iterations);
       const bool all = run.settings.iterations == kScheduleLength;  // more time would change nothing
-      if (!all) CHECK(run.seconds > 0.98 * 45);
-      CHECK(run.seconds < 1.02 * 45);
+      const double tolerance = std::min(0.02 * seconds, 2.0);
+      if (!all) CHECK(run.seconds > seconds - tolerance);
+      CHECK(run.seconds < seconds + tolerance);
       CHECK(run.settings.iterations <= kScheduleLength);
       CHECK(share_points(run.settings).back().share == 1);
     }
@@ -197,7 +198,7 @@ struct Trained {
 TrainSettings budgeted_settings() {
   TrainSettings settings = test::short_run(6, 250, 300);
   settings.cap_max = 900;
-  settings.growth = 1.2;
+  settings.growth = 1.1;
   settings.refine.step = 1000;
   settings.lr_cooldown = 0.2;
   settings.log_every = 5;
@@ -280,7 +281,7 @@ TEST_CASE("time budget: splats that there is no time for are not added", "[budge
     const Trained quick = train_in_time(*device, data, settings, [](int) { return 0.1; });
     CHECK(quick.splats == 900);
     CHECK(quick.settings.growth_end == 1);
-    const Trained slow = train_in_time(*device, data, settings, [](int) { return 0.35; });
+    const Trained slow = train_in_time(*device, data, settings, [](int) { return 0.8; });
     INFO(slow.settings.iterations << " iterations, growth until " << slow.settings.growth_end);
     CHECK(slow.splats < 700);
     CHECK(slow.settings.growth_end < 0.6);

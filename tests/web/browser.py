@@ -83,7 +83,7 @@ class Browser:
         text, _, self.buffer = self.buffer.partition(b"\0")
         return json.loads(text)
 
-    def call(self, method, timeout=120, **params):
+    def call(self, method, timeout=600, **params):
         self.number += 1
         request = {"id": self.number, "method": method, "params": params}
         if self.session:
@@ -127,7 +127,7 @@ class Browser:
         self.call("Page.navigate", url="about:blank")
         url = path if "://" in str(path) else f"file://{path}"
         self.call("Page.navigate", url=f"{url}{fragment}")
-        deadline = time.time() + 60
+        deadline = time.time() + 600
         ready = "document.readyState === 'complete'" if whole else "window.ubsPart !== undefined"
         while not self.run(ready):
             if time.time() > deadline:
@@ -135,7 +135,7 @@ class Browser:
             time.sleep(0.05)
 
     # The value of an expression; promises are waited for.
-    def run(self, expression, timeout=120):
+    def run(self, expression, timeout=600):
         answer = self.call(
             "Runtime.evaluate", timeout=timeout, expression=expression, awaitPromise=True, returnByValue=True
         )
