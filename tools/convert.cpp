@@ -141,7 +141,8 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
     std::vector<std::string> said;
     ImportedSplats splats = foreign_splats(format, model, loaded.offset, reduce, said);
     if (distiller) {
-      Distilled distilled = distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
+      Distilled distilled =
+          distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
       splats = std::move(distilled.splats);
       said.push_back(
           fmt::format("distilled in {:.1f} s, {} iterations: {:.2f} dB against the model's own pictures, "

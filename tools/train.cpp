@@ -60,8 +60,8 @@ void take_pace(const Trainer& trainer, TrainSettings& settings) {
   settings.growth_end = trainer.settings().growth_end;
 }
 
-Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress,
-              const InterruptGuard& guard, serve::LiveTraining* live) {
+Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
+              serve::LiveTraining* live) {
   Outcome outcome;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {
@@ -230,7 +230,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
 
 // The rest of its share and of its memory is that of the other ranks.
 void build_kernels_of_rank(Device& device, TrainSettings settings, const Split& train, const Split& test,
-              const SplatModel& initial, ImageMetrics* networks) {
+                           const SplatModel& initial, ImageMetrics* networks) {
   const auto all = static_cast<std::uint32_t>(initial.count);
   const std::uint32_t own = largest_share(all, ranks().size());
   settings.cap_max =

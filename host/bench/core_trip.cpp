@@ -13,8 +13,8 @@ namespace ubs::bench {
 namespace {
 
 constexpr int kTrips = 200, kRuns = 10;
-constexpr int kSpins = 1 << 12;                    // between looks at the clock
-constexpr double kLongest = 0.01;                  // seconds for a pair of cores
+constexpr int kSpins = 1 << 12;    // between looks at the clock
+constexpr double kLongest = 0.01;  // seconds for a pair of cores
 
 std::vector<int> cores_of_process() {
   cpu_set_t set;

@@ -289,8 +289,7 @@ Section summary_section(const ReportRuns& runs) {
 }
 
 Section measurements_section(const ReportRuns& runs) {
-  return {"measurements", "Measurements",
-          view_table(runs) + stage_table(runs) + data_notes(runs)};
+  return {"measurements", "Measurements", view_table(runs) + stage_table(runs) + data_notes(runs)};
 }
 
 }  // namespace ubs

@@ -8,11 +8,11 @@
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
 #include "host/base/stopwatch.hpp"
+#include "host/base/text.hpp"
 #include "host/device/operations.hpp"
 #include "host/serve/page.hpp"
 #include "host/serve/painter.hpp"
 #include "host/serve/purse.hpp"
-#include "host/base/text.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::serve {
@@ -103,18 +103,12 @@ struct LiveTraining::Implementation {
 
   void publish() {
     published = Clock::now();
-    Json state{{"iteration", report.iteration},
-               {"iterations", report.iterations},
-               {"seconds", report.seconds},
-               {"left", seconds_left(report)},
-               {"splats", report.splats},
-               {"memory", device.allocated_bytes()},
-               {"peak", device.peak_bytes()},
-               {"share", share},
-               {"pictures", pictures},
-               {"spent", spent},
-               {"loss", points_json(losses)},
-               {"test", points_json(tests)}};
+    Json state{{"iteration", report.iteration}, {"iterations", report.iterations},
+               {"seconds", report.seconds},     {"left", seconds_left(report)},
+               {"splats", report.splats},       {"memory", device.allocated_bytes()},
+               {"peak", device.peak_bytes()},   {"share", share},
+               {"pictures", pictures},          {"spent", spent},
+               {"loss", points_json(losses)},   {"test", points_json(tests)}};
     server.publish(json_text(state));
   }
 };

@@ -61,8 +61,8 @@ struct Field {
 
 // A field bound to one settings object; what the readers and writers of settings work on.
 struct FieldValue {
-  using Pointer = std::variant<int*, std::uint64_t*, double*, bool*, std::string*, Background*, IndexRange*,
-                               ChoiceRef>;
+  using Pointer =
+      std::variant<int*, std::uint64_t*, double*, bool*, std::string*, Background*, IndexRange*, ChoiceRef>;
   const char* key;
   const char* help;
   Pointer value;

@@ -88,7 +88,8 @@ const Field<S> kFields[] = {
 
     {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
     {"work_shares",
-     "share of the work that is done after some iterations, as --budget records it: ITERATION:SHARE,..., such "
+     "share of the work that is done after some iterations, as --budget records it: ITERATION:SHARE,..., "
+     "such "
      "as 90:0.05,200:0.1; empty: in proportion to the iterations",
      &S::work_shares},
     {"batch", "views per step", &S::batch, 1, 1024},
@@ -123,8 +124,7 @@ const Field<S> kFields[] = {
      "learning rates of larger batches: as they are, or times the square root of the views per step "
      "(docs/cluster.md)",
      &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
-    {"lr_cooldown",
-     "share of the work at its end over which all learning rates fall to 0, linearly",
+    {"lr_cooldown", "share of the work at its end over which all learning rates fall to 0, linearly",
      &S::lr_cooldown, 0, 1},
     {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
      10},

@@ -95,12 +95,12 @@ TrainSettings fast_settings() {
 
 int fast_run_splats(int iterations, std::size_t points, bool moving) {
   const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
-  return std::max(
-      {kMinSplats, (moving ? kMovingSplatsAnIteration : kSplatsAnIteration) * iterations, static_cast<int>(kept)});
+  return std::max({kMinSplats, (moving ? kMovingSplatsAnIteration : kSplatsAnIteration) * iterations,
+                   static_cast<int>(kept)});
 }
 
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t points,
-                             const PictureFacts& pictures) {
+                                const PictureFacts& pictures) {
   const TrainSettings standard;
   TrainSettings s = settings;
   s.iterations = iterations;
@@ -111,8 +111,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
-  if (moves(s) &&
-      is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
+  if (moves(s) && is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
   if (pictures.few_photographs && is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))

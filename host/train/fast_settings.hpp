@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of a training that gets along with fewer than the published 30 000 iterations (docs/budget.md).
+// The settings of a training that gets along with fewer than the published 30 000 iterations
+// (docs/budget.md).
 #pragma once
 
 #include <array>

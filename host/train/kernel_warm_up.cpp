@@ -39,7 +39,8 @@ std::vector<const View*> different_views(const Split& split) {
 
 }  // namespace
 
-KernelWarmUp::KernelWarmUp(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model)
+KernelWarmUp::KernelWarmUp(Device& device, const TrainSettings& settings, const View& view,
+                           const SplatModel& model)
     : device_(device),
       settings_(settings),
       view_{"warm-up", {view}},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelWarmUp does everything that a training does on its device, once, on a model of its own. OpenCL drivers
-// compile a kernel when it is first launched, which takes memory, disk and seconds: better before the first
-// step than at the first relocation, hours later.
+// KernelWarmUp does everything that a training does on its device, once, on a model of its own. OpenCL
+// drivers compile a kernel when it is first launched, which takes memory, disk and seconds: better before the
+// first step than at the first relocation, hours later.
 #pragma once
 
 #include <memory>

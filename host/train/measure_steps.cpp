@@ -9,9 +9,9 @@
 namespace ubs {
 namespace {
 
-constexpr int kEndless = 1'000'000;              // iterations
-constexpr int kMinSteps = 3, kMaxSteps = 20;     // measured on a level, after one that warms up
-constexpr double kEnoughSeconds = 0.1;           // for these
+constexpr int kEndless = 1'000'000;           // iterations
+constexpr int kMinSteps = 3, kMaxSteps = 20;  // measured on a level, after one that warms up
+constexpr double kEnoughSeconds = 0.1;        // for these
 
 }  // namespace
 

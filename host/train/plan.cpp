@@ -108,7 +108,8 @@ std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
              i1 = static_cast<double>(plan.end.most_intersections);
   for (int k = 1; k <= 100; ++k) {
     const double splats = schedule.splats_at(0.01 * k);
-    room = room_after(room, static_cast<std::uint64_t>(p1 > p0 ? i0 + (i1 - i0) * (splats - p0) / (p1 - p0) : i0));
+    room = room_after(room,
+                      static_cast<std::uint64_t>(p1 > p0 ? i0 + (i1 - i0) * (splats - p0) / (p1 - p0) : i0));
   }
   return room;
 }

@@ -39,8 +39,8 @@ struct StageUse {
 };
 
 struct RunPlan {
-  PlanPoint start, end;           // on whole images
-  std::vector<PlanLevel> levels;  // of a training, one at least
+  PlanPoint start, end;            // on whole images
+  std::vector<PlanLevel> levels;   // of a training, one at least
   std::size_t views_measured = 0;  // for the intersections at the start
   int iterations = 0;              // 0: rendering
   double step_ms = 0;              // of a training: mean of all iterations, by the measured ones

@@ -12,7 +12,7 @@
 namespace ubs {
 
 struct PyramidLevel {
-  int factor = 1;  // both sides of every training image are divided by it
+  int factor = 1;    // both sides of every training image are divided by it
   double until = 0;  // share of the work where it ends
   bool operator==(const PyramidLevel&) const = default;
 };

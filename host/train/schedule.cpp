@@ -108,7 +108,8 @@ std::vector<double> Schedule::camera_sweep_shares() {
 std::optional<double> Schedule::camera_sweep(int iteration) const {
   const std::vector<double> shares = camera_sweep_shares();
   for (std::size_t k = 0; k < shares.size(); ++k)
-    if (work_.iteration_at(shares[k] * work_.steps()) == iteration) return static_cast<double>(k) / (kSweeps - 1);
+    if (work_.iteration_at(shares[k] * work_.steps()) == iteration)
+      return static_cast<double>(k) / (kSweeps - 1);
   return {};
 }
 

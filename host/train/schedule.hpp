@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What happens at which iteration of a run: refinements, the number of splats, learning rates, noise
-// (method.md 4.2 to 4.4). All of it follows from the share of the work that is done (host/train/work_share.hpp),
-// a pure function of the settings. Iterations count from 1; the settings' numbers are those of a run of
-// kScheduleLength and scale.
+// (method.md 4.2 to 4.4). All of it follows from the share of the work that is done
+// (host/train/work_share.hpp), a pure function of the settings. Iterations count from 1; the settings'
+// numbers are those of a run of kScheduleLength and scale.
 #pragma once
 
 #include <cstdint>

@@ -53,9 +53,8 @@ WorkTime::WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
   left_.assign(kSamples + 1, 0);
   for (int k = kSamples - 1; k >= 0; --k) {
     const double share = (k + 0.5) / kSamples;
-    left_[static_cast<std::size_t>(k)] =
-        left_[static_cast<std::size_t>(k) + 1] +
-        1e-3 * cost_at(share).step_ms(schedule.splats_at(share)) / kSamples;
+    left_[static_cast<std::size_t>(k)] = left_[static_cast<std::size_t>(k) + 1] +
+                                         1e-3 * cost_at(share).step_ms(schedule.splats_at(share)) / kSamples;
   }
   for (const double share : Schedule::camera_sweep_shares())
     sweeps_.push_back({share, 1e-3 * cost_at(share).sweep_ms});
@@ -120,15 +119,16 @@ double BudgetPace::sweeps_left(double share) const {
   return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
 }
 
-// Steps are slow because the machine is, or because splats are large for a while: early in a run the second is
-// as likely (docs/results/2026-11-26-share-of-the-work.md).
+// Steps are slow because the machine is, or because splats are large for a while: early in a run the second
+// is as likely (docs/results/2026-11-26-share-of-the-work.md).
 double BudgetPace::slowness_of_rest(double share) const {
   return std::pow(std::max(slowness_, 1e-6), std::sqrt(share));
 }
 
 double BudgetPace::seconds_left(const WorkShare& work, int iteration) const {
   const double share = work.at(iteration);
-  return slowness_of_rest(share) * work.iterations_per_share(iteration) * time_.steps_left(share) + sweeps_left(share);
+  return slowness_of_rest(share) * work.iterations_per_share(iteration) * time_.steps_left(share) +
+         sweeps_left(share);
 }
 
 double BudgetPace::iterations_per_share(const WorkShare& work, int iteration, double seconds) const {
@@ -147,9 +147,8 @@ void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds,
   const double share = work.at(iteration);
   const int rest = std::clamp(static_cast<int>(std::lround(per_share * (1 - share))), 1,
                               std::max(1, budget_.most_iterations - iteration));
-  const int apart =
-      std::max(1, std::min(std::max(settings.log_every, static_cast<int>(per_share) / kPoints),
-                           rest / kPointsOfRest));
+  const int apart = std::max(
+      1, std::min(std::max(settings.log_every, static_cast<int>(per_share) / kPoints), rest / kPointsOfRest));
   std::vector<SharePoint> points = share_points(settings);
   if (apart < rest)
     points.push_back({iteration + apart, rounded_share(share + (1 - share) * apart / rest)});

@@ -95,8 +95,8 @@ class BudgetPace {
   struct {
     int iteration = 0;
     double share = 0, seconds = 0, swept = 0;
-  } since_;                               // what is measured from there on
-  double slowness_ = 1;                   // seconds of steps over those expected, lately
+  } since_;                                 // what is measured from there on
+  double slowness_ = 1;                     // seconds of steps over those expected, lately
   double swept_ = 0, sweeps_expected_ = 0;  // seconds
 };
 

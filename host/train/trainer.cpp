@@ -422,7 +422,8 @@ void Trainer::sweep_cameras(double done) {
 double Trainer::sweep_seconds(int factor) {
   stages_->pause();
   const RenderGroup group{stages_.get(), model_.view()};
-  const double seconds = views_.refiner()->sweep_seconds({renderer_, std::span(&group, 1), render_settings()}, factor);
+  const double seconds =
+      views_.refiner()->sweep_seconds({renderer_, std::span(&group, 1), render_settings()}, factor);
   set_cameras(views_.cameras());
   return seconds;
 }

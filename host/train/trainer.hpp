@@ -34,10 +34,10 @@
 namespace ubs {
 
 struct StepReport {
-  int iteration = 0;   // 1-based
-  int iterations = 0;  // of the run; with a time budget, as many as there is time for now
-  double share = 0;    // of the work, that is done
-  double seconds = 0;  // training time so far, evaluations and start-up excluded
+  int iteration = 0;        // 1-based
+  int iterations = 0;       // of the run; with a time budget, as many as there is time for now
+  double share = 0;         // of the work, that is done
+  double seconds = 0;       // training time so far, evaluations and start-up excluded
   double seconds_left = 0;  // of training, as it looks now; known with a time budget only, else 0
   std::uint32_t splats = 0;
   std::optional<double> loss;   // mean over the views since the last one; only on logged iterations

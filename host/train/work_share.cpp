@@ -23,7 +23,8 @@ double WorkShare::at(int iteration) const {
   if (points_.empty()) return static_cast<double>(iteration) / iterations_;
   const auto [from, to] = piece_of(iteration);
   if (iteration >= to.iteration) return to.share;
-  return from.share + (to.share - from.share) * (iteration - from.iteration) / (to.iteration - from.iteration);
+  return from.share +
+         (to.share - from.share) * (iteration - from.iteration) / (to.iteration - from.iteration);
 }
 
 double WorkShare::steps_at(int iteration) const {

@@ -254,9 +254,8 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   // Killed at its first step.
   const std::string ours =
       fmt::format("env -u POCL_CACHE_DIR UBS_KERNEL_CACHE='{}'", (folder / "kernels").string());
-  CHECK(
-      ended_by(folder, train(1'000'000) + lpips + " --log-every 1", SIGKILL, "run/config.yaml", ours) ==
-      137);
+  CHECK(ended_by(folder, train(1'000'000) + lpips + " --log-every 1", SIGKILL, "run/config.yaml", ours) ==
+        137);
   const std::set<std::string> first = kept_kernels(folder / "kernels/pocl");
   CHECK(first.size() > 20);
   const Result whole = run_command(folder, with_cache("UBS_KERNEL_CACHE=kernels", train(120) + lpips));

@@ -191,7 +191,8 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
   const Result text = run_ubs(folder, "plan " + options);
   INFO(text.err);
   REQUIRE(text.code == 0);
-  for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections", "1000 iterations at the measured"})
+  for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections",
+                           "1000 iterations at the measured"})
     CHECK(text.out.find(part) != std::string::npos);
   CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt, stderr.txt: nothing was made
   const json plan = json::parse(run_ubs(folder, "plan --json " + options).out);

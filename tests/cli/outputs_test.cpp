@@ -144,10 +144,11 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited, or copied withou
 // A training, while `script` runs in its folder; $pid is its process, and it has a checkpoint.
 Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
   put(folder / "script.sh",
-      fmt::format("ubs='{}'\n\"$ubs\" {} >run.txt 2>&1 & pid=$!\n"
-                  "i=0; until [ -s run/checkpoint.ubs ] || [ $i -ge 12000 ]; do sleep 0.05; i=$((i+1)); done\n"
-                  "{}\n",
-                  UBS_EXECUTABLE, train("run", "--checkpoint-every 20", iterations), script));
+      fmt::format(
+          "ubs='{}'\n\"$ubs\" {} >run.txt 2>&1 & pid=$!\n"
+          "i=0; until [ -s run/checkpoint.ubs ] || [ $i -ge 12000 ]; do sleep 0.05; i=$((i+1)); done\n"
+          "{}\n",
+          UBS_EXECUTABLE, train("run", "--checkpoint-every 20", iterations), script));
   return test::run_command(folder, "sh script.sh");
 }
 

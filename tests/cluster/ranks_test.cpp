@@ -519,8 +519,7 @@ TEST_CASE("ranks: without a word about time they take the schedule that one proc
                   "kill -TERM $pid; wait $pid\n",
                   UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE));
   test::run_command(folder, fmt::format("env {} sh stop.sh", kAsRank));
-  CHECK_THAT(get(folder / "out.txt"),
-             Contains("schedule 16000 iterations, at most 60 splats"));
+  CHECK_THAT(get(folder / "out.txt"), Contains("schedule 16000 iterations, at most 60 splats"));
   CHECK_THAT(get(folder / "run/config.yaml"), Contains("\niterations: 16000 "));
 }
 

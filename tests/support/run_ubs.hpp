@@ -57,10 +57,10 @@ inline std::string without_seconds(const std::string& log) {
   return text;
 }
 
-// Starts the command, waits for `file` (in the folder, not empty) or two seconds, and sends the signal. Returns
-// the exit code, or 128 and the signal.
+// Starts the command, waits for `file` (in the folder, not empty) or two seconds, and sends the signal.
+// Returns the exit code, or 128 and the signal.
 inline int ended_by(const TempFolder& folder, const std::string& arguments, int signal,
-                      const std::string& file, const std::string& before = "") {
+                    const std::string& file, const std::string& before = "") {
   using Clock = std::chrono::steady_clock;
   std::filesystem::remove(folder / "err.txt");
   const std::string command =

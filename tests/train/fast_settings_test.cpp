@@ -94,7 +94,8 @@ TEST_CASE("fast settings: what somebody has set stays, whatever its value") {
   CHECK(fast_settings_for(given, 16000, 0).refine == given.refine);
 }
 
-TEST_CASE("fast settings: rates of the direct form fall sooner where things move and nobody chose", "[schedule]") {
+TEST_CASE("fast settings: rates of the direct form fall sooner where things move and nobody chose",
+          "[schedule]") {
   const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = fast_settings();
     settings.dim = dim;

@@ -202,9 +202,8 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
     if (35ull * 4 * 100'000'000 <= info.max_allocation_bytes) continue;
     device->reset_peak();
     const std::uint64_t before = device->peak_bytes();
-    const std::string message =
-        message_of([&] { plan_training(*device, settings, data.train, kNone, start(settings)); },
-                   ErrorKind::memory);
+    const std::string message = message_of(
+        [&] { plan_training(*device, settings, data.train, kNone, start(settings)); }, ErrorKind::memory);
     CHECK(message.find(std::to_string(35ull * 4 * 100'000'000 >> 20)) != std::string::npos);
     CHECK(message.find(std::to_string(info.max_allocation_bytes >> 20)) != std::string::npos);
     CHECK(device->peak_bytes() == before);

@@ -24,9 +24,7 @@ Split views_of(int side) {
 }
 
 // 2 ms a thousand splats and 1 ms beside on whole images, a fifth of it on the coarsest.
-std::vector<StepCost> some_costs() {
-  return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}};
-}
+std::vector<StepCost> some_costs() { return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}}; }
 
 TimeBudget budget_of(double seconds) { return {.seconds = seconds, .measured = 0.5, .costs = some_costs()}; }
 
@@ -115,8 +113,8 @@ TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweep
   CHECK(time.steps_left(1) == 0);
   CHECK(time.sweeps_left(0) == Approx(10));  // of twenty between 0.1 and 0.9
   CHECK(time.sweeps_left(0.95) == 0);
-  CHECK_THROWS_AS(WorkTime({some_costs()[0]}, Schedule(settings, 2000), pyramid_levels(settings, views_of(800))),
-                  Error);
+  CHECK_THROWS_AS(
+      WorkTime({some_costs()[0]}, Schedule(settings, 2000), pyramid_levels(settings, views_of(800))), Error);
 }
 
 TEST_CASE("time budget: as many iterations are chosen as fit the measured costs", "[budget]") {
@@ -184,9 +182,7 @@ TEST_CASE("time budget: where the iterations fit, the clock changes none of the 
 
 namespace {
 
-TimeBudget small_budget() {
-  return {.seconds = 30, .measured = 1, .costs = {{1, 100, 0, 0}}};
-}
+TimeBudget small_budget() { return {.seconds = 30, .measured = 1, .costs = {{1, 100, 0, 0}}}; }
 
 struct Trained {
   TrainSettings settings;

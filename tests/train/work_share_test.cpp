@@ -110,7 +110,8 @@ TEST_CASE("work share: points that follow change nothing of what is over", "[sch
     for (std::size_t known = 1; known < course.size(); ++known) {
       // As the run saw it then, with another end in sight.
       const int until = course[known - 1].iteration;
-      const TrainSettings then = settings_of(until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
+      const TrainSettings then = settings_of(
+          until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
       const Schedule part(then, 1000);
       for (int i = 1; i <= until; ++i) {
         REQUIRE(part.work().at(i) == whole.work().at(i));
@@ -159,8 +160,8 @@ TEST_CASE("work share: a course has the refinements, the growth and the sweeps o
 TEST_CASE("work share: what is no course is refused", "[schedule]") {
   for (const char* wrong : {"5", "5:", ":0.5", "5:0.5,", "5:0.5,5:0.6", "5:0.5,6:0.5", "5:1.5", "5:nan",
                             "-5:0.5", "5:0", "5:0.5;6:0.6"})
-    CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage).find("work_shares must be") !=
-          std::string::npos);
+    CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
+              .find("work_shares must be") != std::string::npos);
   for (const char* wrong : {"50:0.5,101:0.6", "50:0.5,99:1", "100:0.5"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
               .find("belongs to a number of iterations") != std::string::npos);

@@ -43,9 +43,10 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
   const MemoryItem& largest = plan.memory.largest();
-  text += fmt::format("total {:.1f} MiB of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
-                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                      mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
+  text +=
+      fmt::format("total {:.1f} MiB of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
+                  mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
+                  mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
   return text;
 }
 
@@ -54,10 +55,8 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
 Json plan_json(const RunPlan& plan, const DeviceInfo& device) {
   Json levels = Json::array();
   for (const PlanLevel& l : plan.levels)
-    levels.push_back({{"factor", l.factor},
-                      {"until", l.until},
-                      {"start_ms", l.start_ms},
-                      {"end_ms", l.end_ms}});
+    levels.push_back(
+        {{"factor", l.factor}, {"until", l.until}, {"start_ms", l.start_ms}, {"end_ms", l.end_ms}});
   Json memory = Json::array(), stages = Json::array(), programs = Json::array();
   for (const MemoryItem& item : plan.memory.items)
     memory.push_back(
@@ -93,9 +92,9 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
   if (plan.end.splats != plan.start.splats) text += point_text("end", plan.end, what);
   if (plan.levels.size() > 1)
     for (const PlanLevel& l : plan.levels)
-      text += fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.until,
-                          l.factor > 1 ? fmt::format("1/{} size", l.factor) : "whole size",
-                          l.start_ms, l.end_ms);
+      text +=
+          fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.until,
+                      l.factor > 1 ? fmt::format("1/{} size", l.factor) : "whole size", l.start_ms, l.end_ms);
   text += fmt::format("intersections counted on the device in {} views\n", plan.views_measured);
   text += training ? fmt::format("{} iterations at the measured {:.2f} ms a step: {}\n", plan.iterations,
                                  plan.step_ms, duration_text(plan.seconds))
