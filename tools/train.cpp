@@ -307,6 +307,7 @@ int run(const TrainOptions& options) {
   if (options.talkative())
     say("kernels  ready in {:.1f} s, before the clock of training starts\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
+  flush_out();
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
   Trainer trainer(*device, settings, train_split, test_split, initial, ranks());

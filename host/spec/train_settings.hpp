@@ -45,9 +45,9 @@ struct TrainSettings {
 
   // Schedule. Iteration numbers are those of a run of 30 000 iterations and scale with `iterations`.
   int iterations = 30000;
+  int batch = 1;            // views per step
   std::string work_shares;  // share of the work that is done after some iterations, such as 90:0.05,200:0.1;
                             // empty: in proportion to the iterations (host/train/work_share.hpp)
-  int batch = 1;            // views per step
   std::string pyramid;  // training on reduced images first, such as 4:0.2,2:0.5 (docs/budget.md); empty: not
   IndexRange refine{500, 25000, 100};  // after the first, before the end; an empty one: never
   BatchRates lr_batch{};               // learning rates as given | times the square root of the batch

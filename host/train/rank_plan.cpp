@@ -32,9 +32,9 @@ struct RankTimes {
 };
 
 // The model on the device with all that a step needs.
-class RankProbe {
+class RankStep {
  public:
-  RankProbe(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
+  RankStep(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
       : device_(device),
         settings_(settings),
         stages_(make_stages(device, training_config(settings, device.info()))),
@@ -46,7 +46,7 @@ class RankProbe {
         rates_(device, "learning rates", static_cast<std::size_t>(model_.rows())) {
     const auto rows = static_cast<std::size_t>(trained_rows(model_.layout(), stages_->config().frozen));
     for (Buffer<float>* buffer : {&v_params_, &moment1_, &moment2_}) {
-      *buffer = Buffer<float>(device, "probe", rows * model_.stride());
+      *buffer = Buffer<float>(device, "rank costs", rows * model_.stride());
       buffer->zero();
     }
     rates_.zero();
@@ -152,7 +152,7 @@ RankCosts measure_rank_costs(Device& device, const TrainSettings& settings, cons
   const std::size_t count = std::min(kViews, train.views.size());
   for (std::size_t i = 0; i < count; ++i) views.views.push_back(train.views[i * train.views.size() / count]);
   const auto measured = [&](const SplatModel& some) {
-    return RankProbe(device, settings, views, some).measure(static_cast<std::uint32_t>(count));
+    return RankStep(device, settings, views, some).measure(static_cast<std::uint32_t>(count));
   };
   const RankTimes few = measured(copies(model, std::max<std::size_t>(1, model.count / kFewer))),
                   all = measured(model);

@@ -72,7 +72,6 @@ class BudgetPace {
  public:
   BudgetPace(TimeBudget budget, const TrainSettings& settings, const Split& train, std::size_t initial);
 
-  const TimeBudget& budget() const { return budget_; }
   // The run begins, or goes on, after this iteration. Seconds are those of training so far, and of camera
   // sweeps within them.
   void begin(const WorkShare& work, int iteration, double seconds, double swept);

@@ -65,7 +65,7 @@ TEST_CASE("cli: help and version") {
   const std::string help = ubs_ok(folder, "train --help-all").out;
   for (const char* option :
        {"--dim", "--iterations", "--cap-max", "--init-points", "--seed", "--device", "--spec", "--set",
-        "--lambda-dssim", "--raster", "--query-grad", "--lr-cooldown SHARE"})
+        "--lambda-dssim", "--raster", "--query-grad", "--lr-cooldown NUMBER"})
     CHECK(help.find(option) != std::string::npos);
   CHECK(ubs_ok(folder, "--version").out.starts_with("ubs "));
 }
