@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kEndless = 1'000'000;           // iterations
 constexpr int kMinSteps = 3, kMaxSteps = 20;  // measured on a level, after one that warms up
-constexpr double kEnoughSeconds = 0.1;        // for these
+constexpr double kEnoughSeconds = 0.03;       // for these
 
 }  // namespace
 
