@@ -7,6 +7,7 @@
 
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
+#include "host/scene/frozen_groups.hpp"
 #include "host/train/inquest.hpp"
 
 namespace ubs {
