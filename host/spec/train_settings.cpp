@@ -272,7 +272,7 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
          "work_shares belongs to a number of iterations: with a share of {} after iteration {} it is not of "
-         "a run of {}",
+         "a run of {}; give both, or neither",
          last.share, last.iteration, s.iterations);
   return points;
 }

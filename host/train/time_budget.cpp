@@ -12,14 +12,15 @@
 namespace ubs {
 namespace {
 
-constexpr int kMinIterations = 100;  // fewer make no model
-constexpr int kSamples = 400;        // of the work, for its time
-// Steps are measured on the first splats. Later ones of the run take longer or less: points spread, random
-// splats shrink where they find what they show (docs/results/2026-11-26-share-of-the-work.md).
-constexpr double kMinStepShare = 0.1;  // of the measured step, however few splats
-// How far the speed changes at one point, and how much of a new measurement counts.
-constexpr double kLeastChange = 0.5, kMostChange = 1.5, kFresh = 0.5;
-constexpr int kPoints = 100, kPointsOfRest = 10;  // of the whole run, of what is left of it
+constexpr int kMinIterations = 100;    // fewer make no model
+constexpr int kSamples = 400;          // of the work, for its time
+constexpr double kMinStepShare = 0.1;  // a step takes at least this share of fixed_ms, however few splats
+// The speed after a point over the speed before it, at least and at most.
+constexpr double kLeastChange = 0.5, kMostChange = 1.5;
+constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
+// Between two points lies this part of the whole run, or of what is left of it if that is less.
+constexpr int kPoints = 100, kPointsOfRest = 10;
+// Splats may be so many times what there are iterations for before growth ends.
 constexpr double kSpareSplats = 2;
 
 // Few digits, for people who read config.yaml.

@@ -236,7 +236,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
   CHECK(same);
-  // As config.yaml is for a part of the work, so is a checkpoint.
+  // What is recorded belongs to the run's own number of iterations.
   check_error(folder, "train --data data --out x --spec run/config.yaml --iterations 99999", 2,
               "belongs to a number of iterations");
   check_error(folder, "train --data data --out x --budget soon", 2, "90s");

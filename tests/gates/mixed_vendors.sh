@@ -26,7 +26,7 @@ fi
 cd "$folder"
 "$ubs" synth glossy --out data --size 32 --views 8 --test-views 2 --supersampling 1
 for run in a b; do
-  timeout 300 "$@" -n 2 "$ubs" train data --dim 3 --batch 4 --init-points 300 --cap-max 400 --iterations 60 \
+  timeout 600 "$@" -n 2 "$ubs" train data --dim 3 --batch 4 --init-points 300 --cap-max 400 --iterations 60 \
     --quiet --device "pthread,$other" --out $run 2>$run.txt || { cat $run.txt; exit 1; }
   grep "2 kinds of devices" $run.txt
 done
