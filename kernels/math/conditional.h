@@ -430,23 +430,6 @@ UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) 
   return out;
 }
 
-// K = W^T W + U^T Lh^-1 diag(e) B_F, terms of its size where I - U^T Y takes it from 1.
-UBS_FN FrameMat coupled_rest(Slice s, CoupledFactor k, CoupledWeights f) {
-  FrameMat out;
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    vreal pulled[UBS_C];
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      pulled[i] = f.pull.e[i][0] * s.q[0][c];
-      UBS_UNROLL for (int j = 1; j <= i; ++j) pulled[i] += f.pull.e[i][j] * s.q[j][c];
-    }
-    UBS_UNROLL for (int r = 0; r < 3; ++r) {
-      out.e[r][c] = k.e[0][r] * k.e[0][c] + k.e[1][r] * k.e[1][c] + k.e[2][r] * k.e[2][c];
-      UBS_UNROLL for (int i = 0; i < UBS_C; ++i) out.e[r][c] += s.q[i][r] * pulled[i];
-    }
-  }
-  return out;
-}
-
 // Gradient to a shrinkage by its factors, v_K = h^T W h + m^T S m with the frame m, h = t m, and the skew S of these
 // entries 01, 02, 12: across a long axis the entries of v_K hide the short one.
 typedef struct {
@@ -477,12 +460,8 @@ typedef struct {
 //   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T),
 // F the lower triangle of E^T N - N E^T, its diagonal halved, and X the strict upper one of v_S - v_S^T, v_S = v_G G^T =
 // E N^T + E^T N. G^T is large along the short axes of W, and v_K' small there: N comes from G h^T = G W M^T t^T = U M^T t^T.
-//
-// Lanes without `factored` have K of coupled_rest and the frame M, v_k is of K in it and `along` and `m` mean nothing:
-//   dK = -U^T (I - E) T W - W^T T^T (I - E^T) U + U^T (E X - X E) U,  X = Lh^-1 dB Q^T
-// with the same N = U v_K U^T gives the same terms of Q and e, and v_T = -((I - E)^T U v_K + (I - E) U v_K^T) W^T.
-UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor k, QueryVec below, vmask factored,
-                              FrameMap v, ShrinkVjp v_k) {
+UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor k, QueryVec below, FrameMap v,
+                              ShrinkVjp v_k) {
   CoupledVjp out;
   CoupledWeights f = coupled_weights(s, k, below);
   vreal v_t[UBS_C][3], gh[UBS_C][2], gw[UBS_C][2], um[UBS_C][3];
@@ -530,12 +509,8 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
     }
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < i; ++j) x.e[j][i] = x.e[i][j] + v_s.e[j][i] - v_s.e[i][j];
-  // Column by column: M^T v / 2, rows of G v_K' and G v_K'^T (U v_K and U v_K^T).
-  vreal v_rest[UBS_C][3];
-  UBS_UNROLL for (int c = 0; c < 3; ++c) {
-    out.along.e[c] = V(0.0);
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v_rest[i][c] = V(0.0);
-  }
+  // Column by column: M^T v / 2, rows of G v_K' and G v_K'^T.
+  UBS_UNROLL for (int c = 0; c < 3; ++c) out.along.e[c] = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     Vec3 half_v, turned = shrink_turn(v_k, frame.e[0][c], frame.e[1][c], frame.e[2][c]);
     UBS_UNROLL for (int j = 0; j < 3; ++j) {
@@ -551,21 +526,11 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
       v_t[i][c] = V(-2.0) * (s.q[i][0] * half_v.e[0] + s.q[i][1] * half_v.e[1] + s.q[i][2] * half_v.e[2]);
     }
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      vreal rest = -(gv[i] + gv_mirrored[i]);
-      UBS_UNROLL for (int l = 0; l <= i; ++l) {
-        v_t[i][c] += f.pull.e[i][l] * gv_mirrored[l];
-        rest += f.pull.e[i][l] * gv_mirrored[l];
-      }
-      UBS_UNROLL for (int l = i; l < UBS_C; ++l) {
-        v_t[i][c] += f.pull.e[l][i] * gv[l];
-        rest += f.pull.e[l][i] * gv[l];
-      }
+      UBS_UNROLL for (int l = 0; l <= i; ++l) v_t[i][c] += f.pull.e[i][l] * gv_mirrored[l];
+      UBS_UNROLL for (int l = i; l < UBS_C; ++l) v_t[i][c] += f.pull.e[l][i] * gv[l];
       UBS_UNROLL for (int l = 0; l < UBS_C; ++l) v_t[i][c] += v_s.e[l][i] * f.g[l][c];
-      UBS_UNROLL for (int r = 0; r < 3; ++r) v_rest[i][r] += rest * k.e[r][c];
     }
   }
-  UBS_UNROLL for (int c = 0; c < 3; ++c)
-    UBS_UNROLL for (int i = 0; i < UBS_C; ++i) v_t[i][c] = factored ? v_t[i][c] : v_rest[i][c];
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r)
       out.m.e[r][c] = v.e[r][0] * k.e[0][c] + v.e[r][1] * k.e[1][c] + v.e[r][2] * k.e[2][c];

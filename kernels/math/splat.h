@@ -44,7 +44,7 @@ typedef struct {
   FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and K'
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
-  vmask small, coupled;  // of ThinSplats, the second within UBS_COUPLED_SHRINK
+  vmask coupled;   // of ThinSplats, and K' within UBS_COUPLED_SHRINK
   QueryVec below;  // 1 - weight, to its last digit
 #endif
   vreal opacity;   // base opacity o
@@ -207,37 +207,36 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 // few in ordinary models, and what they need costs the others a third of project_backward when it stands in the same code.
 typedef struct {
   vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
-  vmask small;    // a query scale is below UBS_COUPLED_RELATIVE of its row; direct: a precision above UBS_DIRECT_SHARP
-  vmask coupled;  // and all such have weights above 1 - UBS_COUPLED_WEIGHT: the conditional covariance may come from its
-                  // factor (conditional.h)
+  vmask coupled;  // a query scale is below UBS_COUPLED_RELATIVE of its row, and all such have weights above
+                  // 1 - UBS_COUPLED_WEIGHT: the conditional covariance may come from its factor (conditional.h);
+                  // direct: a precision above UBS_DIRECT_SHARP
 } ThinSplats;
 
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
   ThinSplats out;
-  out.lifted = out.small = out.coupled = V(1.0) < V(0.0);
+  out.lifted = out.coupled = V(1.0) < V(0.0);
   if (UBS_COV_PARAM != UBS_COV_SKEW_ND) out.lifted = any_scale_floored(splat_frame_scales(raw));
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
   Several scales = splat_scales(raw);
-  vmask weak = out.small;
+  vmask weak = out.coupled;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = scales.e[i + 3], square = query_row_square(raw, i);
     scale *= scale;
     out.lifted = out.lifted | (scale < (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) * square);
     vmask small = scale < (vreal)(UBS_COUPLED_RELATIVE * UBS_COUPLED_RELATIVE) * square;
-    out.small = out.small | small;
+    out.coupled = out.coupled | small;
     if (UBS_BETA_COND == UBS_BETA_COND_ON)
       weak = weak | (small & (raw.e[kRowQueryBeta + i] <= (vreal)(-UBS_COUPLED_WEIGHT)));
   }
-  out.coupled = out.small & !weak;
+  out.coupled = out.coupled & !weak;
 #elif UBS_DIRECT && UBS_HAS_DIRECTION
   Several scales = splat_scales(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal scale = scales.e[i + 3], square = scale * scale;
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j)
       if (j < i) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, 3 + j)];
-    out.small = out.small | (square > (vreal)(UBS_DIRECT_SHARP * UBS_DIRECT_SHARP));
+    out.coupled = out.coupled | (square > (vreal)(UBS_DIRECT_SHARP * UBS_DIRECT_SHARP));
   }
-  out.coupled = out.small;
 #else
   (void)raw;
 #endif
@@ -251,26 +250,23 @@ UBS_FN vreal weight_below_one(vreal b) {
   return b > V(-0.03) ? near : V(1.0) - ubs_exp(b);
 }
 
-// The frame and the shrinkage of the strongly coupled lanes, and the shrinkage of those with small query scales.
+// The frame and the shrinkage of the strongly coupled lanes; all others keep theirs.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   CoupledFactor factor = coupled_factor(s.slice_in);
   FrameMap frame = coupled_frame(s.frame.m, factor);
-  ThinSplats thin = splat_thin(raw);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     vreal b = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
     s.below.e[i] = b < V(0.0) ? weight_below_one(b) : V(0.0);
   }
-  CoupledWeights weights = coupled_weights(s.slice, factor, s.below);
-  FrameMat shrink = weights.shrink, kept = coupled_rest(s.slice, factor, weights);
+  FrameMat shrink = coupled_weights(s.slice, factor, s.below).shrink;
   vreal largest = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
-  s.small = thin.small;
-  s.coupled = thin.coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
+  s.coupled = splat_thin(raw).coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
   UBS_UNROLL for (int c = 0; c < 3; ++c)
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       s.m.e[r][c] = s.coupled ? frame.e[r][c] : s.m.e[r][c];
-      s.shrink.e[r][c] = s.coupled ? shrink.e[r][c] : thin.small ? kept.e[r][c] : s.shrink.e[r][c];
+      s.shrink.e[r][c] = s.coupled ? shrink.e[r][c] : s.shrink.e[r][c];
     }
   return s;
 }
@@ -323,8 +319,8 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thi
   UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = V(0.0);
   if (UBS_HAS_DIRECTION && thin) {
     Vec3 lost = direction_rest(sight.to_splat, sight.rho, sight.direction);
-    vmask small = splat_thin(raw).small & (sight.rho > (vreal)(UBS_RHO_MIN));
-    UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = small ? lost.e[c] : V(0.0);
+    vmask coupled = splat_thin(raw).coupled & (sight.rho > (vreal)(UBS_RHO_MIN));
+    UBS_UNROLL for (int c = 0; c < 3; ++c) rest.e[c] = coupled ? lost.e[c] : V(0.0);
   }
   s.slice_in = splat_slice_input(cam, raw, s.frame, sight.direction, rest, thin);
   s.slice = slice_forward(s.slice_in);
@@ -510,12 +506,12 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
   CoupledVjp factor_vjp;
   if (thin) {
     factor_vjp =
-        coupled_vjp(s.slice, s.frame.m, s.m, coupled_factor(s.slice_in), s.below, s.coupled, p.m, p.shrink);
+        coupled_vjp(s.slice, s.frame.m, s.m, coupled_factor(s.slice_in), s.below, p.m, p.shrink);
     UBS_UNROLL for (int c = 0; c < 3; ++c) {
       p.along.e[c] = s.coupled ? factor_vjp.along.e[c] : p.along.e[c];
       UBS_UNROLL for (int r = 0; r < 3; ++r) {
         p.m.e[r][c] = s.coupled ? factor_vjp.m.e[r][c] : p.m.e[r][c];
-        p.k.e[r][c] = s.small ? V(0.0) : p.k.e[r][c];
+        p.k.e[r][c] = s.coupled ? V(0.0) : p.k.e[r][c];
       }
     }
   }
@@ -555,8 +551,8 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
 #ifdef UBS_COUPLED_FACTOR
   if (thin)
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-      q.weight.e[i] += s.small ? factor_vjp.weight.e[i] : V(0.0);
-      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.small ? factor_vjp.b[i][j] : V(0.0);
+      q.weight.e[i] += s.coupled ? factor_vjp.weight.e[i] : V(0.0);
+      UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j) q.b[i][j] += s.coupled ? factor_vjp.b[i][j] : V(0.0);
     }
 #endif
   out = splat_slice_vjp(out, raw, s.frame, s.slice_in, q, thin);

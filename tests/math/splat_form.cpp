@@ -57,7 +57,6 @@ SplatInside inside(const CameraView& cam, const SplatValues& values) {
   out.lifted = thin.lifted != 0;
   out.coupled = thin.coupled != 0;
 #if UBS_C > 0 && UBS_COV_PARAM != UBS_COV_SKEW_ND && !UBS_DIRECT
-  out.small = s.small != 0;
   out.from_factor = s.coupled != 0;
   for (int i = 0; i < UBS_C; ++i) {
     out.x[i] = s.slice_in.x.e[i];

@@ -17,7 +17,7 @@ using SplatValues = std::array<double, 128>;
 struct SplatInside {
   double scale[11];
   bool lifted, coupled;           // of splat_thin
-  bool small, from_factor;        // of splat_state
+  bool from_factor;               // of splat_state
   double x[8], b[8][11];          // of the slice's input
   double frame[3][3], sum[3][3];  // the frame, and K as a sum
   double m[3][3], shrink[3][3];   // what is drawn with in their place
