@@ -93,10 +93,10 @@ NamedScene embedded_scene(const AccuracyOptions& options, const std::string& nam
 
 NamedScene file_scene(const AccuracyOptions& options) {
   std::string data = options.data;
-  const std::optional<TrainSettings> run = use_run_data(options.model, data);
+  const RunData run = use_run_data(options.model, data);
   LoadedModel loaded = open_model(options.model, options.import.options());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
-  Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load);
+  Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load, run.opened);
   require_images(split);
   const SplatModel& model = loaded.model.single("ubs accuracy");
   check_query(split, model.dim);

@@ -39,13 +39,15 @@ struct BenchOptions {
   std::string regex, garden, model, data, json, baseline, raster = "auto";
   std::vector<std::string> devices, sizes, assignments;
   int dim = 6;
+  RunData run;  // of the model
   bool list = false, quick = false, ranks = false;
   double min_time = 0.3, max_time = 2, uncertainty = 0.01;
 };
 
 TrainSettings training_settings(BenchOptions& options) {
   TrainSettings settings;
-  if (!options.model.empty()) read_as(settings, use_run_data(options.model, options.data));
+  if (!options.model.empty()) options.run = use_run_data(options.model, options.data);
+  read_as(settings, options.run);
   settings.background.colour = {1, 1, 1};
   settings.dim = options.dim;
   settings.raster = options.raster;
@@ -60,7 +62,7 @@ CaseOptions case_options(const BenchOptions& options, const TrainSettings& train
   for (const std::string& size : options.sizes) cases.sizes.push_back(parse_scene_size(size));
   if (!options.garden.empty()) cases.garden = garden_size(options.garden);
   if (!options.model.empty()) {
-    cases.model = bench_model_size(options.model, options.data, training);
+    cases.model = bench_model_size(options.model, options.data, training, options.run.opened);
     cases.mixed_model = load_splat_model(options.model).model.mixed();
   }
   return cases;
@@ -75,7 +77,9 @@ bench::RunOptions run_options(const BenchOptions& options, const TrainSettings& 
   if (options.quick) run.limits = {1, 0, 0.05, 2};
   run.executable = this_executable();
   run.garden = options.garden;
-  run.open_model = [=] { return open_bench_model(options.model, options.data, training); };
+  run.open_model = [=] {
+    return open_bench_model(options.model, options.data, training, options.run.opened);
+  };
   run.training = training;
   run.on_begin = [](const DeviceReport& report) {
     say("\n{} (raster {})\n{}\n{}\n", describe(report.info), report.raster, ceilings_text(report.ceilings),

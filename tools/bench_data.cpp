@@ -23,20 +23,20 @@ bench::SceneSize size_of(const Split& split, std::size_t splats) {
 }  // namespace
 
 bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
-                                  const TrainSettings& settings) {
-  Dataset opened = open_dataset(data, {}, settings, Images::skip);
-  return size_of(shown_views(opened), load_splat_model(model).model.count());
+                                  const TrainSettings& settings, const std::optional<OpenedData>& opened) {
+  Dataset set = open_dataset(opened, data, {}, settings, Images::skip);
+  return size_of(shown_views(set), load_splat_model(model).model.count());
 }
 
 bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
-                                   const TrainSettings& settings) {
+                                   const TrainSettings& settings, const std::optional<OpenedData>& opened) {
   const auto file = load_splat_model(model);
   bench::BenchScene scene{file.model.groups.front(), {}, {}};
   if (file.model.mixed()) scene.mixed = file.model;
   for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background.colour[c]);
-  Dataset opened = open_dataset(data, {}, settings, Images::load);
-  warn_skipped(opened.report);
-  scene.views = shown_views(opened);
+  Dataset set = open_dataset(opened, data, {}, settings, Images::load);
+  warn_skipped(set.report);
+  scene.views = shown_views(set);
   check_query(scene.views, file.model.dim());
   std::erase_if(scene.views.views, [](const View& view) { return !view.has_image(); });
   if (scene.views.views.empty())
@@ -46,7 +46,7 @@ bench::BenchScene open_bench_model(const std::string& model, const std::string& 
     view.image = view.load_image();
     view.source.reset();
   }
-  if (opened.offset != file.offset) rebase(scene.views.views, opened.offset, file.offset);
+  if (set.offset != file.offset) rebase(scene.views.views, set.offset, file.offset);
   return scene;
 }
 

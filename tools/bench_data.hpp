@@ -6,16 +6,17 @@
 
 #include "host/bench/bench_case.hpp"
 #include "host/bench/bench_scene.hpp"
+#include "host/run/open_data.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs::tools {
 
 // Splats of the model, size of the first view that open_bench_model() will show.
 bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
-                                  const TrainSettings& settings);
+                                  const TrainSettings& settings, const std::optional<OpenedData>& opened);
 // The first test views (where there are none, training views), with their images, in the coordinates of the
 // model.
 bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
-                                   const TrainSettings& settings);
+                                   const TrainSettings& settings, const std::optional<OpenedData>& opened);
 
 }  // namespace ubs::tools

@@ -5,7 +5,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdlib>
 #include <memory>
 #include <optional>
@@ -166,11 +165,11 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
   arguments.insert(arguments.end(), step.arguments.begin(), step.arguments.end());
   CountProgress progress(step.progress.empty() ? places.pictures.size() : 100,
                          step.progress.empty() ? step.name : "% of " + step.name, quiet);
-  auto looked = Clock::now();
+  Stopwatch watch;
   const experiment::ChildResult result = experiment::run_child(arguments, log, [&] {
     if (guard.interrupted()) return experiment::Request::kill;  // COLMAP has no other way to stop
-    if (Clock::now() - looked > std::chrono::seconds(1)) {
-      looked = Clock::now();
+    if (watch.seconds() > 1) {
+      watch.restart();
       show(step, log, progress);
     }
     return experiment::Request::none;

@@ -67,7 +67,7 @@ class Checker {
 
   // True where all is right.
   bool run(std::size_t index) {
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch;
     const std::unique_ptr<Device> device = open_device(index);
     check::Verdicts verdicts(device->info(), build_id());
     verdicts.forget();
@@ -91,7 +91,7 @@ class Checker {
       }
       forms.push_back({{"form", form}, {"stages", std::move(list)}});
     }
-    const double seconds = seconds_since(start);
+    const double seconds = watch.seconds();
     if (!options_.json)
       say(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
     devices_.push_back({{"device", device_json(device->info())},

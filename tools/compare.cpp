@@ -33,7 +33,7 @@ struct CompareOptions {
   explicit CompareOptions(CLI::App& app) : settings(app), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
-  std::optional<TrainSettings> run;  // how its data were read
+  RunData run;
   std::vector<std::string> devices;
   std::string model, data, split = "test", out;
   int view = 0, repeat = 20, train_iterations = 0;
@@ -54,9 +54,9 @@ struct Result {
 };
 
 double milliseconds(const std::function<void()>& action) {
-  const auto start = Clock::now();
+  const Stopwatch watch;
   action();
-  return milliseconds_since(start);
+  return watch.milliseconds();
 }
 
 // Forward and backward of one view with everything that a training iteration does up to the gradient.
@@ -140,7 +140,8 @@ void compare_with(const Result& reference, const Result& result, Comparison& row
 
 TrainingResult train_on(Device& device, const CompareOptions& options, TrainSettings settings) {
   settings.iterations = options.train_iterations;
-  Dataset data = open_dataset(options.data, {"train", options.split}, settings, Images::load);
+  Dataset data =
+      open_dataset(options.run.opened, options.data, {"train", options.split}, settings, Images::load);
   const Split train = take_train(data, settings);
   const Split test = options.split == "train" ? train : take_split(data, options.split);
   Trainer trainer(device, settings, train, test, initial_model(data, train, settings));
@@ -222,7 +223,8 @@ Inputs load_inputs(const CompareOptions& options) {
             loaded.model.single("ubs compare"),
             {},
             {}};
-  in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load);
+  in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load,
+                            options.run.opened);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= in.split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, in.split.name,
          in.split.views.size() - 1);

@@ -44,7 +44,7 @@ struct ConvertOptions {
   bool json = false;
   CLI::Option *split_option = nullptr, *dim_option = nullptr, *time_option = nullptr,
               *opacity_option = nullptr;
-  std::optional<TrainSettings> run;  // whose data these are
+  RunData run;
   bool split_given() const { return split_option->count() > 0; }
 };
 
@@ -63,7 +63,8 @@ std::string target_format(const ConvertOptions& options, SplatFormat source) {
 double measure(const ConvertOptions& options, const MixedModel& model, const std::array<double, 3>& offset,
                TrainSettings settings, std::optional<double> eps2d) {
   if (eps2d) settings.eps2d = *eps2d;
-  const Split split = open_split_for(offset, options.data, options.split, settings, Images::load);
+  const Split split =
+      open_split_for(offset, options.data, options.split, settings, Images::load, options.run.opened);
   require_images(split);
   ModelSession session(options.device, model, split, settings, false);
   TargetImages targets(session.device(), kTargetBudgetBytes,
@@ -79,7 +80,7 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
                                               const TrainSettings& settings) {
   std::vector<std::array<double, 3>> places;
   if (options.data.empty()) return places;
-  Dataset data = open_dataset(options.data, {}, settings, Images::skip);
+  Dataset data = open_dataset(options.run.opened, options.data, {}, settings, Images::skip);
   Split train = take_split(data, data.find("train") ? "train" : options.split);
   rebase(train.views, data.offset, offset);
   const std::size_t step = (train.views.size() + kMaxViewpoints - 1) / kMaxViewpoints;
@@ -129,7 +130,8 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
   std::optional<Distiller> distiller;
   const int moments = std::max(1, options.series);
   if (!options.distill.empty()) {
-    Split views = open_split_for(loaded.offset, options.data, "train", settings, Images::skip);
+    Split views =
+        open_split_for(loaded.offset, options.data, "train", settings, Images::skip, options.run.opened);
     for (const SplatModel& group : model.groups) check_query(views, group.dim);
     distiller.emplace(open_proved_device(options.device, drawing_use(model, settings, true)), model, settings,
                       std::move(views), options.degree);

@@ -174,11 +174,11 @@ class Doctor {
   }
 
   bool conforms(Device& device, Json& entry) {
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch;
     const check::Subject subject{kernel_config(kDim, {}, {}, device.info()), check::kTraining};
     const check::Findings findings = check::examine(device, subject);
     const check::Finding* bad = check::failure(findings);
-    const double seconds = seconds_since(start);
+    const double seconds = watch.seconds();
     entry["check"] = {{"stages", findings.size()}, {"right", !bad}, {"seconds", seconds}};
     line("  check    {} stages against float64: {} ({:.1f} s)", findings.size(),
          bad ? "WRONG: " + check::text(*bad) : "right", seconds);

@@ -48,14 +48,15 @@ std::string memory_text(std::uint64_t bytes) {
 }
 
 int run(EvalOptions& options) {
-  const std::optional<TrainSettings> trained = use_run_data(options.model, options.data);
+  const RunData run = use_run_data(options.model, options.data);
   const bool first = ranks().first();  // of the job, where there is one: it writes
   if (first) check_output_files({options.out}, {options.model, options.data});
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
-  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
+  const Split split =
+      open_split_for(loaded.offset, options.data, options.split, settings, Images::load, run.opened);
   require_images(split);
   check::Use use = drawing_use(model, settings);
   use.parts.push_back(check::Part::loss);
@@ -78,7 +79,7 @@ int run(EvalOptions& options) {
                        static_cast<std::size_t>(settings.image_cache_mb) << 20);
   targets.add(split);
 
-  const auto start = Clock::now();
+  const Stopwatch watch;
   Metrics metrics = evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
                              session.settings(), split.views, targets, 0, &more, options.appearance, ranks());
   if (!first) return 0;
@@ -86,7 +87,7 @@ int run(EvalOptions& options) {
     if (const std::vector<Camera> fitted = run_cameras(from, split, loaded.offset); !fitted.empty())
       measure_from(session.device(), session.stages(), session.renderer(), session.model().view(),
                    session.settings(), fitted, targets, 0, metrics);
-  const double seconds = seconds_since(start);
+  const double seconds = watch.seconds();
 
   Json json{{"version", version()},
             {"build", build_id()},

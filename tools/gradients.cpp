@@ -93,13 +93,13 @@ void check_finite(const SplatModel& gradient, const View& view) {
 
 int run(GradientsOptions& options) {
   files_before_output();
-  const std::optional<TrainSettings> trained = use_run_data(options.model, options.data);
+  const RunData run = use_run_data(options.model, options.data);
   check_output_files({options.out}, {options.model, options.target, options.data});
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   const Split split = open_split_for(loaded.offset, options.data, options.split, settings,
-                                     options.target.empty() ? Images::load : Images::skip);
+                                     options.target.empty() ? Images::load : Images::skip, run.opened);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: split '{}' has the views 0 to {}", options.view, split.name,
          split.views.size() - 1);

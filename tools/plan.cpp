@@ -54,10 +54,11 @@ void say_plan(const Device& device, const RunPlan& plan) {
 int plan_render(PlanOptions& options) {
   options.settings.limit(drawing_keys(), "is of a training: leave out --model");
   options.settings.resolve();  // what is wrong with them is said before the model is read
-  const std::optional<TrainSettings> run = use_run_data(options.model, options.data);
+  const RunData run = use_run_data(options.model, options.data);
   const LoadedModel loaded = open_model(options.model, options.import.options());
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
-  const Split split = open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
+  const Split split =
+      open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, run.opened);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   const std::unique_ptr<Device> device =
       open_proved_device(options.device, drawing_use(loaded.model, settings));

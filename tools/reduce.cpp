@@ -38,7 +38,7 @@ struct ReduceOptions {
   explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
   SettingsOptions settings;
   ImportChoice import;
-  std::optional<TrainSettings> run;  // how its data were read
+  RunData run;
   std::string model, data, out, device, effects, only = "all";
   double bound = -1, max_loss_db = 0.05;
   bool lossless = false, json = false, quiet = false;
@@ -56,7 +56,7 @@ class Session {
       : options_(options),
         loaded_(open_model(options.model, options.import.options())),
         settings_(drawing_settings(options.settings, loaded_, options.model, options.run)),
-        data_(open_dataset(options.data, {"train", "test"}, settings_, Images::load)),
+        data_(open_dataset(options.run.opened, options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),
         test_(has_views(data_, "test") ? take(data_, "test") : Split{"test", {}}),
         device_(open_proved_device(options.device, drawing_use(loaded_.model, settings_, true))),

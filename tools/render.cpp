@@ -100,11 +100,13 @@ void check(const RenderOptions& options) {
 }
 
 // The views of the data, or a path; the cameras of the training views tell a path about the scene.
-Split wanted_views(const RenderOptions& options, const LoadedModel& model, const TrainSettings& settings) {
+Split wanted_views(const RenderOptions& options, const LoadedModel& model, const TrainSettings& settings,
+                   const std::optional<OpenedData>& opened) {
   std::string name = options.split;
   if (options.path.wanted() && !options.path.holds() && !options.split_given()) name = "train";
   Split split;
-  if (!options.data.empty()) split = open_split_for(model.offset, options.data, name, settings, Images::skip);
+  if (!options.data.empty())
+    split = open_split_for(model.offset, options.data, name, settings, Images::skip, opened);
   if (options.path.wanted()) {
     const std::vector<Camera> cameras =
         options.data.empty() ? noted_cameras(model.model, model.notes.cameras) : cameras_of(split);
@@ -205,10 +207,10 @@ int run(RenderOptions& options) {
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
   const LoadedModel loaded = options.load();
-  std::optional<TrainSettings> trained;
-  if (!options.data.empty()) trained = use_run_data(options.model, options.data);
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
-  const Split split = wanted_views(options, loaded, settings);
+  RunData run;
+  if (!options.data.empty()) run = use_run_data(options.model, options.data);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
+  const Split split = wanted_views(options, loaded, settings, run.opened);
   const bool writes = ranks().first();
   const auto held = writes ? take_outputs(options, split) : nullptr;
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();

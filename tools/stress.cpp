@@ -90,8 +90,8 @@ class StressRun {
 
   bool progress(std::uint64_t done, std::uint64_t failures) {
     const bool terminal = isatty(STDERR_FILENO) == 1;
-    if (seconds_since(shown_) > (terminal ? 0.5 : 10.0)) {
-      shown_ = Clock::now();
+    if (shown_.seconds() > (terminal ? 0.5 : 10.0)) {
+      shown_.restart();
       remark("{}{}/{} random cases, {} failed{}", terminal ? "\r\x1b[K" : "", done, options_.cases, failures,
              terminal ? "" : "\n");
       line_open_ = terminal;
@@ -119,7 +119,7 @@ class StressRun {
   const StressOptions& options_;
   DeviceRunner& runner_;
   InterruptGuard guard_;
-  Clock::time_point shown_ = Clock::now();
+  Stopwatch shown_;
   bool line_open_ = false;
 };
 
@@ -154,7 +154,7 @@ int run(const StressOptions& options) {
   DeviceRunner runner(*device, raster_kind(options.raster, device->info()));
   if (!options.replay.empty()) return replay(options, runner);
 
-  const Clock::time_point start = Clock::now();
+  const Stopwatch watch;
   StressRun stress(options, runner);
   stress.rows(rows);
   if (random && !stress.interrupted()) stress.campaign();
@@ -167,7 +167,7 @@ int run(const StressOptions& options) {
                        options.seed,
                        options.first,
                        stress.cases,
-                       seconds_since(start)};
+                       watch.seconds()};
   if (!options.json.empty())
     write_file_atomically(options.json, json_file_text(to_json(stress.reports, facts)));
   if (!options.out.empty())

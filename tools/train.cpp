@@ -154,9 +154,9 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
     const TrainSettings few = fast_settings_for(base, kFewIterations, points_of(data), pictures);
     const SplatModel initial = initial_model(data, train, few);
     warm_up(few, initial);
-    const auto begin = Clock::now();
+    const Stopwatch watch;
     budget.costs = measure_steps(device, few, train, initial, 2 * initial.count);
-    budget.measured = seconds_since(begin);
+    budget.measured = watch.seconds();
     BudgetedRun run = choose_iterations(std::move(budget), base, train, points_of(data), pictures);
     start.settings = std::move(run.settings);
     budget = std::move(run.budget);
@@ -198,9 +198,9 @@ void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkati
 
 template <typename Work>
 double seconds_of(Work work) {
-  const auto start = Clock::now();
+  const Stopwatch watch;
   work();
-  return seconds_since(start);
+  return watch.seconds();
 }
 
 check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {

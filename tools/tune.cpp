@@ -55,8 +55,9 @@ bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device)
   if (!options.model.empty()) {
     std::string data = options.data;
     TrainSettings reading;
-    read_as(reading, use_run_data(options.model, data));
-    bench::BenchScene scene = open_bench_model(options.model, data, reading);
+    const RunData run = use_run_data(options.model, data);
+    read_as(reading, run);
+    bench::BenchScene scene = open_bench_model(options.model, data, reading, run.opened);
     if (scene.mixed.mixed())
       fail(ErrorKind::usage, "{}: a model of several dimensions is not trained; tune with another",
            options.model);

@@ -45,13 +45,6 @@ fs::path free_name(const fs::path& folder, const std::string& name, const std::s
   }
 }
 
-// Photographs are decoded when they are looked at.
-Split open_views(const ViewOptions& options, const LoadedModel& loaded, TrainSettings settings) {
-  if (options.data.empty()) return {};
-  settings.image_cache_mb = 1;
-  return open_split_for(loaded.offset, options.data, options.split, settings, Images::load);
-}
-
 ViewerScene viewer_scene(const ViewOptions& options, const LoadedModel& loaded, const Split& views) {
   ViewerScene scene;
   scene.views = options.data.empty() ? noted_cameras(loaded.model, loaded.notes.cameras) : cameras_of(views);
@@ -176,10 +169,10 @@ class Loop {
     Window window(fmt::format("ubs view - {}", fs::path(options_.model).filename().string()), viewer_);
     for (const char key : options_.keys) viewer_.key(key);
     const InterruptGuard guard;
-    auto last = Clock::now();
+    Stopwatch watch;
     while (!viewer_.finished() && !guard.interrupted()) {
-      viewer_.advance(seconds_since(last));
-      last = Clock::now();
+      viewer_.advance(watch.seconds());
+      watch.restart();
       const bool drawn = update();
       orders();
       window.show(picture_, lines(),
@@ -199,13 +192,13 @@ class Loop {
   // Small while something changes, in full when nothing does; whether anything was drawn.
   bool update() {
     const bool changed = viewer_.changes() != drawn_changes_, first = picture_.width == 0;
-    if (!changed && (scale_ == 1 || seconds_since(changed_) < kRest)) return false;
-    if (changed) changed_ = Clock::now();
+    if (!changed && (scale_ == 1 || changed_.seconds() < kRest)) return false;
+    if (changed) changed_.restart();
     scale_ = changed && !first ? adaptive_.scale() : 1;
     const std::uint64_t changes = viewer_.changes();
-    const auto start = Clock::now();
+    const Stopwatch watch;
     picture_ = drawing_.draw(viewer_, scale_);
-    seconds_ = seconds_since(start);
+    seconds_ = watch.seconds();
     show_truth();
     if (!first) adaptive_.measured(scale_, seconds_);  // the first one compiles kernels
     drawn_changes_ = changes;
@@ -254,9 +247,9 @@ class Loop {
   // For scripts: the picture saved, the window shown for a while, the end.
   bool finish() {
     if (!options_.screenshot.empty() && !saved_) save_png(options_.screenshot, picture_);
-    if (!saved_) shown_ = Clock::now();
+    if (!saved_) shown_.restart();
     saved_ = true;
-    return options_.quit_after >= 0 && seconds_since(shown_) >= options_.quit_after;
+    return options_.quit_after >= 0 && shown_.seconds() >= options_.quit_after;
   }
 
   const ViewOptions& options_;
@@ -268,25 +261,34 @@ class Loop {
   Image8 picture_;
   double scale_ = 1, seconds_ = 0;
   std::uint64_t drawn_changes_ = 0;
-  Clock::time_point changed_ = Clock::now(), shown_;
+  Stopwatch changed_, shown_;
   bool saved_ = false;
   std::string note_;
   fs::path keyframe_file_;
 };
 
-// Data that are named are read as the run did that made the model of them.
-TrainSettings settings_of(const ViewOptions& options, const LoadedModel& loaded) {
+struct Opened {
+  TrainSettings settings;
+  Split views;  // of the data that are named
+};
+
+// Data are read as the run did that made the model of them.
+Opened open_views(const ViewOptions& options, const LoadedModel& loaded) {
   std::string data = options.data;
-  std::optional<TrainSettings> trained;
-  if (!data.empty()) trained = use_run_data(options.model, data);
-  return drawing_settings(options.settings, loaded, options.model, trained);
+  RunData run;
+  if (!data.empty()) run = use_run_data(options.model, data);
+  Opened opened{drawing_settings(options.settings, loaded, options.model, run), {}};
+  if (data.empty()) return opened;
+  TrainSettings reading = opened.settings;
+  reading.image_cache_mb = 1;  // photographs are decoded when they are looked at
+  opened.views = open_split_for(loaded.offset, data, options.split, reading, Images::load, run.opened);
+  return opened;
 }
 
 // In a browser in the place of the window.
 int serve_views(const ViewOptions& options, serve::Server& server) {
   const LoadedModel loaded = options.load();
-  const TrainSettings settings = settings_of(options, loaded);
-  Split split = open_views(options, loaded, settings);
+  auto [settings, split] = open_views(options, loaded);
   const ViewerScene viewed = viewer_scene(options, loaded, split);
   serve::Scene scene{.title = fs::path(options.model).filename().string(),
                      .frame = viewed.frame,
@@ -309,8 +311,7 @@ int run(const ViewOptions& options) {
   check_output_files({options.screenshot}, {options.model, options.data});
   require_display();
   const LoadedModel loaded = options.load();
-  const TrainSettings settings = settings_of(options, loaded);
-  const Split views = open_views(options, loaded, settings);
+  const auto [settings, views] = open_views(options, loaded);
   Viewer viewer(viewer_scene(options, loaded, views), size.width, size.height);
   return Loop(options, loaded, settings, views, viewer).run();
 }

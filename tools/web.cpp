@@ -40,9 +40,10 @@ struct WebOptions : ModelOptions {
 };
 
 // Of the data, else those that the model remembers, else around it.
-Split web_views(const WebOptions& options, const LoadedModel& loaded, const TrainSettings& settings) {
+Split web_views(const WebOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
+                const std::optional<OpenedData>& opened) {
   if (!options.data.empty())
-    return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip);
+    return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, opened);
   Split split{.name = "views", .views = {}};
   std::vector<Camera> cameras = noted_cameras(loaded.model, loaded.notes.cameras);
   if (cameras.empty()) {
@@ -88,11 +89,11 @@ int run(WebOptions& options) {
   check_output_files({options.out, options.poster}, {options.model, options.data});
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
-  std::optional<TrainSettings> trained;
-  if (!options.data.empty()) trained = use_run_data(options.model, options.data);
-  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, trained);
+  RunData run;
+  if (!options.data.empty()) run = use_run_data(options.model, options.data);
+  const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
-  const Split split = web_views(options, loaded, settings);
+  const Split split = web_views(options, loaded, settings, run.opened);
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);
   const auto note = [&](const std::string& text) {

@@ -2,7 +2,6 @@
 #include "host/accuracy/measure.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <map>
 
@@ -142,7 +141,7 @@ void Measurement::prepare(const Configuration& configuration) {
 
 double Measurement::clock_ms() const {
   if (options_.processor_time) return bench::cpu_ms();
-  return std::chrono::duration<double, std::milli>(Clock::now().time_since_epoch()).count();
+  return 1e3 * steady_time().seconds();
 }
 
 void Measurement::time_once(Entry& entry) {

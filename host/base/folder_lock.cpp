@@ -55,9 +55,9 @@ FolderLock::FolderLock(fs::path folder, Children children, double patience)
     : folder_(std::move(folder)), path_(folder_ / ".ubs-lock"), children_(children) {
   made_ = !path_exists(folder_);
   make_folders(folder_);
-  const auto end = Clock::now() + std::chrono::duration<double>(patience);
+  const Stopwatch waited;
   while (!try_once()) {
-    if (Clock::now() >= end)
+    if (waited.seconds() >= patience)
       fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
            folder_.string(), holder_in(path_));
     std::this_thread::sleep_for(kPollInterval);

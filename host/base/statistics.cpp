@@ -30,7 +30,7 @@ Summary summarise(std::span<const double> samples) {
 }
 
 bool Sampler::enough() const {
-  const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
+  const double seconds = watch_.seconds();
   if (!values_.empty() && seconds >= limits_.max_seconds) return true;
   return seconds >= limits_.min_seconds && values_.size() >= limits_.min_samples &&
          summary().uncertainty() <= limits_.uncertainty;

@@ -3,7 +3,6 @@
 // the median and the quartiles describe them, the minimum is what the machine can do.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -41,7 +40,7 @@ class Sampler {
 
  private:
   SamplingLimits limits_;
-  Clock::time_point start_ = Clock::now();
+  Stopwatch watch_;
   std::vector<double> values_;
 };
 

@@ -1,16 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of durations.
+// Stopwatch measures how long something takes.
 #pragma once
 
-#include <chrono>
+#include "host/base/time_source.hpp"
 
 namespace ubs {
 
-using Clock = std::chrono::steady_clock;
+class Stopwatch {
+ public:
+  // Starts at once. `time` must outlive the stopwatch.
+  explicit Stopwatch(const TimeSource& time = steady_time()) : time_(&time), start_(time.seconds()) {}
+  void restart() { start_ = time_->seconds(); }
+  double seconds() const { return time_->seconds() - start_; }
+  double milliseconds() const { return 1e3 * seconds(); }
 
-inline double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-inline double milliseconds_since(Clock::time_point start) { return 1e3 * seconds_since(start); }
+ private:
+  const TimeSource* time_;
+  double start_;
+};
 
 }  // namespace ubs

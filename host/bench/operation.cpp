@@ -34,10 +34,10 @@ double timed_ms(Device& device, const Repeated& operation, int calls, double* pr
   if (operation.prepare) operation.prepare();
   device.finish();
   const double processor = cpu_ms();
-  const auto start = Clock::now();
+  const Stopwatch watch;
   for (int i = 0; i < calls; ++i) operation.run();
   device.finish();
-  const double wall = milliseconds_since(start) / calls;
+  const double wall = watch.milliseconds() / calls;
   if (processor_ms) *processor_ms += (cpu_ms() - processor) / calls;
   return wall;
 }

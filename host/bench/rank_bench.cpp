@@ -25,16 +25,16 @@ class CountedRanks final : public Communicator {
     ++exchanges;
     for (std::size_t r = 0; r < pieces.size(); ++r)
       if (r != static_cast<std::size_t>(rank())) bytes += static_cast<double>(pieces[r].size());
-    const auto from = Clock::now();
+    const Stopwatch watch;
     auto counted = std::make_unique<Counted>(*this, ranks_.start(pieces));
-    seconds += seconds_since(from);
+    seconds += watch.seconds();
     return counted;
   }
   void sum(std::span<std::uint64_t> values) override {
     ++sums;
-    const auto from = Clock::now();
+    const Stopwatch watch;
     ranks_.sum(values);
-    seconds += seconds_since(from);
+    seconds += watch.seconds();
   }
 
   double seconds = 0, bytes = 0, exchanges = 0, sums = 0;
@@ -44,15 +44,15 @@ class CountedRanks final : public Communicator {
     Counted(CountedRanks& to, std::unique_ptr<Exchange> on_the_way)
         : to(to), on_the_way(std::move(on_the_way)) {}
     const std::vector<std::uint64_t>& sizes() override {
-      const auto from = Clock::now();
+      const Stopwatch watch;
       const std::vector<std::uint64_t>& sizes = on_the_way->sizes();
-      to.seconds += seconds_since(from);
+      to.seconds += watch.seconds();
       return sizes;
     }
     void receive(std::span<std::byte* const> into) override {
-      const auto from = Clock::now();
+      const Stopwatch watch;
       on_the_way->receive(into);
-      to.seconds += seconds_since(from);
+      to.seconds += watch.seconds();
     }
     CountedRanks& to;
     std::unique_ptr<Exchange> on_the_way;
@@ -66,9 +66,9 @@ double together_ms(Communicator& ranks, const std::function<void()>& call) {
   for (int i = 0; i < kMoves; ++i) {
     std::uint64_t nothing = 0;
     ranks.sum(std::span(&nothing, 1));
-    const auto from = Clock::now();
+    const Stopwatch watch;
     call();
-    samples.push_back(1e3 * seconds_since(from));
+    samples.push_back(watch.milliseconds());
   }
   return summarise(samples).median;
 }
@@ -116,7 +116,7 @@ RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const Ite
     m.stage_ms.emplace_back(stage.stage, 1e3 * stage.seconds / trainer.iteration());
   counted.seconds = counted.bytes = counted.exchanges = counted.sums = 0;
   Sampler sampler(options.limits);
-  const auto start = Clock::now();
+  const Stopwatch watch;
   const double processor = cpu_ms();
   const int first = trainer.iteration();
   int since = first;
@@ -130,7 +130,7 @@ RankMeasurement measure_ranks(Device& device, const BenchScene& scene, const Ite
   });
   const double steps = trainer.iteration() - first;
   m.wall_ms = sampler.summary();
-  m.mean_ms = 1e3 * seconds_since(start) / steps;
+  m.mean_ms = watch.milliseconds() / steps;
   m.cpu_ms = (cpu_ms() - processor) / steps;
   m.device_peak_bytes = static_cast<double>(device.peak_bytes());
   m.sent_bytes = counted.bytes / steps;

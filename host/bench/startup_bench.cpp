@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -95,15 +94,15 @@ double StartupBench::milliseconds(const std::string& cache) const {
                                      options_.raster};
   if (!options_.device.empty()) arguments.insert(arguments.end(), {"--device", options_.device});
   for (const std::string& setting : options_.settings) arguments.insert(arguments.end(), {"--set", setting});
-  const auto start = Clock::now();
+  const Stopwatch watch;
   const int code = run_process(options_.executable, arguments, root / cache, output);
-  const std::chrono::duration<double, std::milli> time = Clock::now() - start;
+  const double time = watch.milliseconds();
   if (code != 0) {
     std::string text = read_text_file(output);
     std::replace(text.begin(), text.end(), '\n', ' ');
     fail(ErrorKind::device, "start-up run ended with code {}: {}", code, text);
   }
-  return time.count();
+  return time;
 }
 
 Summary StartupBench::measure(bool cold) {

@@ -37,7 +37,7 @@ class Tuner {
 
  private:
   int rounds() const { return options_.quick ? kQuickRounds : kRounds; }
-  bool out_of_time() const { return seconds_since(start_) > options_.max_seconds; }
+  bool out_of_time() const { return watch_.seconds() > options_.max_seconds; }
 
   void sweep(const TunedConstant& constant) {
     std::vector<Trial> trials;
@@ -135,7 +135,7 @@ class Tuner {
   TunedTable table_;
   const MakeSubject& make_;
   const TuneOptions& options_;
-  Clock::time_point start_ = Clock::now();
+  Stopwatch watch_;
   TuningValues values_;
   Parts reference_;  // of the defaults
   std::unique_ptr<TuneSubject> current_, candidate_, best_;

@@ -138,13 +138,13 @@ class MpiRanks final : public Communicator {
   // leaves them to others, the longer the longer it waits.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
-    const auto start = Clock::now();
+    const Stopwatch watch;
     for (;;) {
       int done = 0;
       check_mpi(MPI_Testall(static_cast<int>(requests.size()), requests.data(), &done, MPI_STATUSES_IGNORE),
                 "MPI_Testall");
       if (done) return requests.clear();
-      const double waited = seconds_since(start);
+      const double waited = watch.seconds();
       if (waited > limits_.patience)
         fail(
             ErrorKind::device,

@@ -69,31 +69,6 @@ bool wanted(const DatasetOptions& options, const std::string& split) {
          std::ranges::find(options.image_splits, split) != options.image_splits.end();
 }
 
-// Decodes everything at once where it fits the cache; else images stay sources.
-void settle_images(Dataset& data, const DatasetOptions& options) {
-  std::vector<View*> pending;
-  std::size_t bytes = 0;
-  for (Split& split : data.splits)
-    for (View& view : split.views) {
-      if (!wanted(options, split.name)) view.source.reset();
-      if (!view.source) continue;
-      pending.push_back(&view);
-      bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
-               static_cast<std::size_t>(view.camera.height);
-    }
-  if (bytes > options.image_cache_bytes) {
-    data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
-                                 pending.size(), bytes >> 20, options.image_cache_bytes >> 20));
-    return;
-  }
-  // Of one video only one frame at a time is decoded: neighbours come from different ones.
-  std::ranges::stable_sort(pending, {}, [](const View* view) { return view->camera.time; });
-  parallel_for(pending.size(), [&](std::size_t i) {
-    pending[i]->image = pending[i]->source->load();
-    pending[i]->source.reset();
-  });
-}
-
 }  // namespace
 
 const Split* Dataset::find(const std::string& split) const {
@@ -165,7 +140,7 @@ std::string detect_layout(const fs::path& path) {
        path.string());
 }
 
-Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
+Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   const std::string layout = options.layout == "auto" ? detect_layout(path) : options.layout;
   LoadedScene scene;
   if (layout == "blender") {
@@ -214,7 +189,36 @@ Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
   }
   if (scene.points && !scene.points->positions.empty())
     data.points = subtract_offset(*scene.points, already_local ? std::array<double, 3>{} : data.offset);
-  settle_images(data, options);
+  return data;
+}
+
+void decode_images(Dataset& data, const DatasetOptions& options) {
+  std::vector<View*> pending;
+  std::size_t bytes = 0;
+  for (Split& split : data.splits)
+    for (View& view : split.views) {
+      if (!wanted(options, split.name)) view.source.reset();
+      if (!view.source) continue;
+      pending.push_back(&view);
+      bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
+               static_cast<std::size_t>(view.camera.height);
+    }
+  if (bytes > options.image_cache_bytes) {
+    data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
+                                 pending.size(), bytes >> 20, options.image_cache_bytes >> 20));
+    return;
+  }
+  // Of one video only one frame at a time is decoded: neighbours come from different ones.
+  std::ranges::stable_sort(pending, {}, [](const View* view) { return view->camera.time; });
+  parallel_for(pending.size(), [&](std::size_t i) {
+    pending[i]->image = pending[i]->source->load();
+    pending[i]->source.reset();
+  });
+}
+
+Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
+  Dataset data = open_undecoded(path, options);
+  decode_images(data, options);
   return data;
 }
 

@@ -31,6 +31,7 @@ struct DatasetOptions {
   std::filesystem::path cache_folder;  // undistorted images and video frames; empty: none kept
   IndexRange frames;                   // of videos
   bool allow_outside = false;          // read what the data name outside of their folder (data_root.hpp)
+  bool operator==(const DatasetOptions&) const = default;
 };
 
 struct Dataset {
@@ -63,6 +64,11 @@ std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& fold
 // The layout that `path` would be opened as; an error that lists what was looked for when there is none.
 std::string detect_layout(const std::filesystem::path& path);
 
+// Opens the data; images are sources, of all splits and not decoded yet.
+Dataset open_undecoded(const std::filesystem::path& path, const DatasetOptions& options);
+// Decodes the images that are wanted, at once where they fit the cache; the others lose their sources.
+void decode_images(Dataset& data, const DatasetOptions& options);
+// Both.
 Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& options = {});
 
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);

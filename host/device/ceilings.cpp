@@ -2,7 +2,6 @@
 #include "host/device/ceilings.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <functional>
 
 #include "host/base/stopwatch.hpp"
@@ -61,10 +60,10 @@ class Measurement {
     device_.finish();
     double fastest = 1e30;
     for (int i = 0; i < limits_.repetitions; ++i) {
-      const auto start = Clock::now();
+      const Stopwatch watch;
       launch();
       device_.finish();
-      fastest = std::min(fastest, std::chrono::duration<double, std::nano>(Clock::now() - start).count());
+      fastest = std::min(fastest, 1e9 * watch.seconds());
     }
     return std::max(fastest, 1.0);
   }

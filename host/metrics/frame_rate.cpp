@@ -27,10 +27,10 @@ FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const
     device.finish();
     std::vector<double> frames;
     for (int k = 0; k < frames_per_view; ++k) {
-      const auto start = Clock::now();
+      const Stopwatch watch;
       draw(camera);
       device.finish();
-      frames.push_back(milliseconds_since(start));
+      frames.push_back(watch.milliseconds());
     }
     wall_ms.push_back(summarise(frames).median);
     device.set_profiling(true);

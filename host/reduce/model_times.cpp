@@ -52,10 +52,10 @@ class Step {
 template <typename Work>
 double milliseconds(Device& device, const Work& work) {
   device.finish();
-  const auto start = Clock::now();
+  const Stopwatch watch;
   work();
   device.finish();
-  return milliseconds_since(start);
+  return watch.milliseconds();
 }
 
 }  // namespace

@@ -78,12 +78,12 @@ Split Distiller::pictures(double time) {
 }
 
 Distilled Distiller::at(double time, const ImportedSplats& closed_form, double seconds) {
-  const auto start = Clock::now();
+  const Stopwatch watch;
   const Split train = pictures(time);
   const SplatModel initial = exact_model(with_degree(closed_form, degree_));
   const TrainSettings settings = distilling_settings(drawing_, initial);
   if (costs_.empty()) costs_ = measure_steps(*device_, settings, train, initial, initial.count);
-  TimeBudget budget{.seconds = std::max(0.1 * seconds, seconds - seconds_since(start)), .costs = costs_};
+  TimeBudget budget{.seconds = std::max(0.1 * seconds, seconds - watch.seconds()), .costs = costs_};
   const BudgetedRun run = choose_iterations(std::move(budget), settings, train, initial.count);
   Trainer trainer(*device_, run.settings, train, train, initial);
   trainer.keep_to(run.budget);
@@ -96,7 +96,7 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
   out.splats = foreign_splats(trainer.model());
   out.splats.offset = closed_form.offset;
   out.iterations = trainer.iteration();
-  out.seconds = seconds_since(start);
+  out.seconds = watch.seconds();
   return out;
 }
 

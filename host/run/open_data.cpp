@@ -7,20 +7,52 @@
 
 namespace ubs {
 
+namespace {
+
+DatasetOptions reading_options(const TrainSettings& settings) {
+  return {.layout = settings.layout,
+          .background = settings.background.colour,
+          .downscale = settings.downscale,
+          .images = settings.images,
+          .principal_point_centre = settings.principal_point == PrincipalPoint::centre,
+          .test_every = settings.test_every,
+          .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
+          .cache_folder = settings.cache_folder,
+          .frames = settings.frames,
+          .allow_outside = settings.allow_outside};
+}
+
+}  // namespace
+
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images) {
-  return load_dataset(folder, {.layout = settings.layout,
-                               .background = settings.background.colour,
-                               .downscale = settings.downscale,
-                               .images = settings.images,
-                               .principal_point_centre = settings.principal_point == PrincipalPoint::centre,
-                               .test_every = settings.test_every,
-                               .load_images = images == Images::load,
-                               .image_splits = image_splits,
-                               .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
-                               .cache_folder = settings.cache_folder,
-                               .frames = settings.frames,
-                               .allow_outside = settings.allow_outside});
+  DatasetOptions options = reading_options(settings);
+  options.load_images = images == Images::load;
+  options.image_splits = image_splits;
+  return load_dataset(folder, options);
+}
+
+OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings) {
+  const DatasetOptions reading = reading_options(settings);
+  return {folder, reading, open_undecoded(folder, reading)};
+}
+
+Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesystem::path& folder,
+                     const std::vector<std::string>& image_splits, const TrainSettings& settings,
+                     Images images) {
+  DatasetOptions options = reading_options(settings);
+  if (opened) options.image_cache_bytes = opened->reading.image_cache_bytes;  // is of decoding alone
+  if (!opened || opened->folder != folder || opened->reading != options)
+    return open_dataset(folder, image_splits, settings, images);
+  options = reading_options(settings);
+  options.image_splits = image_splits;
+  Dataset data = opened->data;
+  if (images == Images::load)
+    decode_images(data, options);
+  else
+    for (Split& split : data.splits)
+      for (View& view : split.views) view.source.reset();
+  return data;
 }
 
 Split take_split(Dataset& data, const std::string& split) {
@@ -40,8 +72,9 @@ void warn_skipped(const LoadReport& report) {
 }
 
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
-                     const std::string& split, const TrainSettings& settings, Images images) {
-  Dataset data = open_dataset(folder, {split}, settings, images);
+                     const std::string& split, const TrainSettings& settings, Images images,
+                     const std::optional<OpenedData>& opened) {
+  Dataset data = open_dataset(opened, folder, {split}, settings, images);
   warn_skipped(data.report);
   Split taken = take_split(data, split);
   if (data.offset != offset) rebase(taken.views, data.offset, offset);

@@ -38,6 +38,7 @@ struct LiveTraining::Implementation {
   double share;
   Device& device;
   Trainer& trainer;
+  const TimeSource& time;
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -46,8 +47,8 @@ struct LiveTraining::Implementation {
   };
   std::vector<Point> losses{}, tests{};
   StepReport report{};
-  Purse purse{kPictures * share};
-  Clock::time_point begun{}, published{};
+  Purse purse{kPictures * share, time};
+  Stopwatch begun{time}, published{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
 
@@ -69,7 +70,7 @@ struct LiveTraining::Implementation {
   }
 
   void answer(const Wish& wish) {
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch(time);
     Json header{{"id", wish.id}, {"iteration", report.iteration}, {"splats", report.splats}};
     std::string picture;
     try {
@@ -77,7 +78,7 @@ struct LiveTraining::Implementation {
     } catch (const Error& error) {  // no reason to end a training
       header["error"] = error.what();
     }
-    const double seconds = seconds_since(start);
+    const double seconds = watch.seconds();
     costs[wish.exact ? 1 : 0] = {seconds, pixels_of(wish.camera)};
     purse.spend(seconds);
     spent += seconds;
@@ -102,7 +103,7 @@ struct LiveTraining::Implementation {
   }
 
   void publish() {
-    published = Clock::now();
+    published.restart();
     Json state{{"iteration", report.iteration}, {"iterations", report.iterations},
                {"seconds", report.seconds},     {"left", seconds_left(report)},
                {"splats", report.splats},       {"memory", device.allocated_bytes()},
@@ -114,8 +115,8 @@ struct LiveTraining::Implementation {
 };
 
 LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
-                           const TrainSettings& settings, const Scene& scene)
-    : own_(new Implementation{server, share / 100, device, trainer}) {
+                           const TrainSettings& settings, const Scene& scene, const TimeSource& time)
+    : own_(new Implementation{server, share / 100, device, trainer, time}) {
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
@@ -125,9 +126,9 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   const Camera& first = scene.cameras.at(0).camera;
   own.draw(first, false, kUnlimited);
   for (const bool exact : {false, true}) {
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch(time);
     own.draw(first, exact, kUnlimited);
-    own.costs[exact ? 1 : 0] = {seconds_since(start), Implementation::pixels_of(first)};
+    own.costs[exact ? 1 : 0] = {watch.seconds(), Implementation::pixels_of(first)};
   }
   own.report = {.iteration = trainer.iteration(),
                 .iterations = settings.iterations,
@@ -135,7 +136,7 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
                 .splats = model.count()};
   own.publish();
   server.start(live_page(scene, true), (1 - kPictures) * own.share);
-  own.begun = Clock::now();
+  own.begun.restart();
   own.purse.open();
 }
 
@@ -146,7 +147,7 @@ void LiveTraining::step(const StepReport& report) {
   own.report = report;
   if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
   if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
-  if (report.loss || report.test || seconds_since(own.published) > kFresh) own.publish();
+  if (report.loss || report.test || own.published.seconds() > kFresh) own.publish();
   const auto affordable = [&](const Wish& wish) { return own.purse.affords(own.cost(wish)); };
   if (const std::optional<Wish> wish = own.server.next({}, affordable)) own.answer(*wish);
 }
@@ -154,8 +155,8 @@ void LiveTraining::step(const StepReport& report) {
 void LiveTraining::end() {
   own_->publish();
   own_->server.ask_again();
-  const Clock::time_point start = Clock::now();
-  while (seconds_since(start) < kLastPictures) {
+  const Stopwatch watch(own_->time);
+  while (watch.seconds() < kLastPictures) {
     const std::optional<Wish> wish = own_->server.next();
     if (!wish) return;
     own_->answer(*wish);
@@ -164,7 +165,7 @@ void LiveTraining::end() {
 
 std::string LiveTraining::summary() const {
   return fmt::format("{} pictures in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
-                     100 * own_->spent / seconds_since(own_->begun));
+                     100 * own_->spent / own_->begun.seconds());
 }
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene,
@@ -178,13 +179,13 @@ void serve_model(Server& server, ModelSession& session, const MixedModel& model,
     if (!wish) continue;
     Json header{{"id", wish->id}};
     std::string picture;
-    const Clock::time_point start = Clock::now();
+    const Stopwatch watch;
     try {
       picture = painter.draw(session.model().view(), wish->camera, wish->exact, most);
     } catch (const Error& error) {
       header["error"] = error.what();
     }
-    header["wait"] = seconds_since(start);
+    header["wait"] = watch.seconds();
     server.answer(*wish, json_text(header), picture);
   }
 }

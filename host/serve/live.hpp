@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "host/base/time_source.hpp"
 #include "host/run/model_session.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/serve/server.hpp"
@@ -34,7 +35,7 @@ class LiveTraining {
   // Builds the kernels, draws a first picture, and answers from now on. `share`: percent of the time that
   // visitors may cost. What is referred to must outlive this.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
-               const Scene& scene);
+               const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
   void step(const StepReport& report);

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "host/base/stopwatch.hpp"
+#include "host/base/time_source.hpp"
 
 namespace ubs::serve {
 
@@ -11,22 +11,20 @@ namespace ubs::serve {
 // picture takes that costs more.
 class Purse {
  public:
-  explicit Purse(double share) : share_(share) {}
-  void open() { paid_ = Clock::now(); }
-  bool affords(double cost) const { return seconds_since(paid_) >= cost / share_; }
+  Purse(double share, const TimeSource& time) : share_(share), time_(&time) {}
+  void open() { paid_ = time_->seconds(); }
+  bool affords(double cost) const { return time_->seconds() - paid_ >= seconds_for(cost); }
   void spend(double cost) {
-    const Clock::time_point oldest = Clock::now() - time_for(std::max(cost, kSaved * share_));
-    paid_ = std::max(paid_, oldest) + time_for(cost);
+    const double oldest = time_->seconds() - std::max(seconds_for(cost), kSaved);
+    paid_ = std::max(paid_, oldest) + seconds_for(cost);
   }
   double seconds_for(double cost) const { return cost / share_; }
 
  private:
   static constexpr double kSaved = 10;
-  Clock::duration time_for(double cost) const {
-    return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(cost / share_));
-  }
   double share_;
-  Clock::time_point paid_;  // time until then is used up
+  const TimeSource* time_;
+  double paid_ = 0;  // time until then is used up
 };
 
 }  // namespace ubs::serve

@@ -49,7 +49,7 @@ using namespace std::chrono_literals;
 
 constexpr std::size_t kMaxConnections = 64, kMaxHeader = 8192, kMaxMessage = 4096, kMaxReason = 120;
 constexpr auto kPatience = 20s;  // with a visitor who neither reads nor writes
-constexpr auto kClosing = 1s;
+constexpr double kClosing = 1;   // seconds
 
 std::string random_token() {
   std::array<unsigned char, 16> bytes{};
@@ -99,16 +99,16 @@ class Throttle {
   explicit Throttle(double share) : share_(share * std::max(1u, std::thread::hardware_concurrency())) {}
   void rest(const std::atomic<bool>& stop) {
     const double now = cpu_seconds();
-    const auto pause = std::chrono::duration<double>((now - used_) / share_);
+    free_ = std::max(free_, time_.seconds()) + (now - used_) / share_;
     used_ = now;
-    free_ = std::max(free_, Clock::now()) + std::chrono::duration_cast<Clock::duration>(pause);
-    while (free_ - Clock::now() > 1ms && !stop)
-      std::this_thread::sleep_until(std::min(free_, Clock::now() + 50ms));
+    for (double left = 0; (left = free_ - time_.seconds()) > 1e-3 && !stop;)
+      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left, 0.05)));
   }
 
  private:
   double share_, used_ = cpu_seconds();
-  Clock::time_point free_ = Clock::now();
+  const TimeSource& time_ = steady_time();
+  double free_ = time_.seconds();
 };
 
 Wish read_wish(const std::string& text) {
@@ -183,9 +183,9 @@ struct Server::Implementation {
     const auto work = asio::make_work_guard(io);
     asio::co_spawn(io, accept(), asio::detached);
     Throttle throttle(cpu_share);
-    Clock::time_point asked{};
-    while (!closing || (!visitors.empty() && Clock::now() - asked < kClosing)) {
-      if (!closing) asked = Clock::now();
+    Stopwatch closes;
+    while (!closing || (!visitors.empty() && closes.seconds() < kClosing)) {
+      if (!closing) closes.restart();
       if (io.run_one_for(50ms) > 0) io.poll();
       throttle.rest(stop);
     }
@@ -364,7 +364,7 @@ struct Server::Implementation {
         co_await visitor->socket.async_close(reason, asio::redirect_error(asio::use_awaitable, error));
         co_return;
       } else {
-        visitor->wake.expires_at(Clock::time_point::max());
+        visitor->wake.expires_at(asio::steady_timer::time_point::max());
         error_code woken;
         co_await visitor->wake.async_wait(asio::redirect_error(asio::use_awaitable, woken));
       }

@@ -16,7 +16,7 @@ const std::string& Server::url() const {
 
 struct LiveTraining::Implementation {};
 LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettings&, const Scene&,
-                           std::vector<double>) {}
+                           const TimeSource&) {}
 LiveTraining::~LiveTraining() = default;
 void LiveTraining::step(const StepReport&) {}
 void LiveTraining::end() {}

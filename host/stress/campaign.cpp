@@ -37,11 +37,11 @@ CampaignReport run_campaign(DeviceRunner& runner, const CampaignOptions& options
       expected[i] = expect(cases[i]);
     });
     for (std::size_t i = 0; i < count; ++i) {
-      const auto start = Clock::now();
+      const Stopwatch watch;
       const Verdict verdict = answer(cases[i], expected[i], runner);
       RowReport& form = forms[form_name(cases[i])];
       RowRun(runner, form).take(cases[i], verdict);
-      form.seconds += seconds_since(start);
+      form.seconds += watch.seconds();
       ++report.cases;
       if (verdict.outcome != Outcome::failed) continue;
       ++report.failed;

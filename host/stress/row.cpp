@@ -90,14 +90,14 @@ std::vector<Row> all_rows() {
 RowReport run_row(const Row& row, DeviceRunner& runner) {
   RowReport report;
   report.name = row.name, report.what = row.what;
-  const auto start = Clock::now();
+  const Stopwatch watch;
   RowRun run(runner, report);
   try {
     row.run(run);
   } catch (const std::exception& error) {
     run.require(false, error.what());
   }
-  report.seconds = seconds_since(start);
+  report.seconds = watch.seconds();
   return report;
 }
 

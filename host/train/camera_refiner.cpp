@@ -120,12 +120,12 @@ Camera CameraRefiner::refined(const Drawing& drawing, int factor, std::size_t vi
 
 double CameraRefiner::sweep_seconds(const Drawing& drawing, int factor) const {
   refined(drawing, factor, 0, 0);  // kernels are compiled, room for the lists is made
-  const auto start = Clock::now();
+  const Stopwatch watch;
   refined(drawing, factor, 0, 0);
   // With the lens a camera is drawn once more for each of its moves, and first.
   const double drawings = kPoseMoves + 2;
   const double more = what_ == RefineCameras::pose_and_intrinsics ? (kCameraMoves + 1) / drawings : 0;
-  return (1 + more) * seconds_since(start) * static_cast<double>(cameras_.size());
+  return (1 + more) * watch.seconds() * static_cast<double>(cameras_.size());
 }
 
 std::vector<double> CameraRefiner::state() const {

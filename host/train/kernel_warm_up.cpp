@@ -153,10 +153,10 @@ double view_seconds(Device& device, const TrainSettings& settings, const Split& 
   KernelWarmUp warm_up(device, settings, train.views[0], copies(model, std::min(model.count, kMaxMeasured)));
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i < kTimes; ++i) {
-    const auto start = Clock::now();
+    const Stopwatch watch;
     warm_up.learn(warm_up.stages());
     device.finish();
-    least = std::min(least, seconds_since(start));
+    least = std::min(least, watch.seconds());
   }
   return least;
 }

@@ -77,10 +77,9 @@ std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
                                        const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
   std::vector<std::uint64_t> counts;
-  const auto start = Clock::now();
+  const Stopwatch watch;
   for (const std::uint32_t view : views) {
-    if (counts.size() >= kMaxViews || (counts.size() >= kMinViews && seconds_since(start) > kViewSeconds))
-      break;
+    if (counts.size() >= kMaxViews || (counts.size() >= kMinViews && watch.seconds() > kViewSeconds)) break;
     counts.push_back(renderer.forward(splats, view, settings, false).intersections);
   }
   return counts;
@@ -273,10 +272,10 @@ RunPlan plan_rendering(Device& device, const TrainSettings& settings, const Spli
     renderer.set_cameras(cameras_of(split));
     renderer.forward(on_device.view(), which[0], render, false);
     device.finish();
-    const auto start = Clock::now();
+    const Stopwatch watch;
     const std::vector<std::uint64_t> counts = count_views(renderer, on_device.view(), render, which);
     device.finish();
-    plan.start.step_ms = 1e3 * seconds_since(start) / static_cast<double>(counts.size());
+    plan.start.step_ms = watch.milliseconds() / static_cast<double>(counts.size());
     return counts;
   };
   const std::vector<std::uint64_t> counts = draw(on_device.stages(), views);

@@ -122,10 +122,10 @@ class RankStep {
     device_.finish();
     double least = std::numeric_limits<double>::infinity();
     for (int i = 0; i < kTimes; ++i) {
-      const auto start = Clock::now();
+      const Stopwatch watch;
       work();
       device_.finish();
-      least = std::min(least, 1e3 * seconds_since(start));
+      least = std::min(least, watch.milliseconds());
     }
     return least;
   }

@@ -268,8 +268,6 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1)));
   CHECK(cold.code == 0);
   CHECK_THAT(cold.err, !Catch::Contains("warning"));  // of the kernels' compiler
-  const auto metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));
-  CHECK(4 * metrics["seconds"].get<double>() < metrics["kernel_seconds"].get<double>());
   CHECK(kept_kernels(folder / fmt::format("ubs-{}/pocl", ::geteuid())).empty());
 }
 
@@ -284,17 +282,6 @@ TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
   CHECK(ended_by(folder, train + "300 --out run2", SIGHUP, "run2/log.csv", "nohup") == 0);
   CHECK_FALSE(std::filesystem::exists(folder / "run2/checkpoint.ubs"));
-}
-
-TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the way") {
-  const TempFolder folder;
-  make_data(folder);
-  // While the steps are measured for a budget.
-  const int code = ended_by(folder, "train data --budget 1h --out run", SIGINT, "out.txt");
-  CHECK(code == 130);
-  CHECK(get(folder / "err.txt") == "\nubs: interrupted before the first step; no run was begun\n");
-  ubs_ok(folder, "train data --iterations 1 --init-points 10 --cap-max 10 --out run");
-  CHECK(std::filesystem::exists(folder / "run/model.ply"));
 }
 
 // A command that does not look for signals would end with 0 after minutes or hours.

@@ -2,6 +2,8 @@
 // What commands leave behind when the disk is full or broken, and when they are killed or interrupted, at
 // every system call on their results and inputs (see campaign.hpp). In CI a sample of the calls, with
 // UBS_TEST_ALL=1 all. test_fault "[long]": further commands and file systems, minutes.
+#include <algorithm>
+#include <csignal>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <vector>
@@ -180,6 +182,36 @@ TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
                          .best_effort = true};
   attack(folder, "kernel cache, disk", kernels, writing_faults(), 2);
   attack(folder, "kernel cache, killed", kernels, kills(), 3);
+}
+
+TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the way") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  const TracedRun run = trace_ubs(folder, "train data --budget 1h --out run", folder / "data",
+                                  Fault{look_calls, 1, Fault::signal, SIGINT});
+  CHECK(run.struck);
+  CHECK(run.code == 130);
+  CHECK(run.err == "\nubs: interrupted before the first step; no run was begun\n");
+  ubs_ok(folder, "train data --iterations 1 --init-points 10 --cap-max 10 --out run");
+  CHECK(fs::exists(folder / "run/model.ply"));
+}
+
+TEST_CASE("the data of a run are opened once by the commands that use them again") {
+  REQUIRE(can_trace());
+  const TempFolder folder;
+  synthesise(folder);
+  ubs_ok(folder, fmt::format("train {} run", kTraining));
+  fs::rename(folder / "data", folder / "moved");
+  for (const char* arguments :
+       {"eval run moved", "render run moved --out out", "reduce run moved --out r.ply"}) {
+    const TracedRun run = trace_ubs(folder, arguments, folder / "moved");
+    INFO(arguments << "\n" << run.err);
+    CHECK(run.code == 0);
+    CHECK(std::ranges::count_if(run.calls, [](const Call& call) {
+            return call.kind == look_calls && call.path == "transforms_test.json";
+          }) == 1);
+  }
 }
 
 TEST_CASE("a control group's limit of memory is exit code 6, not the kernel's out-of-memory killer") {

@@ -82,11 +82,11 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
           ""));
 }
 
-void read_as(TrainSettings& settings, const std::optional<TrainSettings>& run) {
-  if (run) reading_of(settings) = reading_of(*run);
+void read_as(TrainSettings& settings, const RunData& run) {
+  if (run.settings) reading_of(settings) = reading_of(*run.settings);
 }
 
-std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data) {
+RunData use_run_data(const std::string& model, std::string& data) {
   const std::filesystem::path folder = std::filesystem::path(model).parent_path();
   const bool in_run = !model.empty() && path_exists(RunFolder(folder).metrics());
   if (!in_run && !data.empty()) return {};
@@ -95,12 +95,12 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
     fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
          model);
   RunRecord run = read_run(folder.empty() ? "." : folder);
-  TrainSettings reading = run.settings;
-  reading.image_cache_mb = 1;  // three images are looked at
   const auto print = run.number({"data_print"});
+  RunData result{run.settings, {}};
   const auto trained_on = [&](const std::filesystem::path& place) {
-    Dataset set = open_dataset(place, {"train"}, reading, Images::load);
-    return fingerprint(take_split(set, "train")) == static_cast<std::uint32_t>(*print);
+    result.opened = open_undecoded(place, run.settings);
+    const Split* const train = result.opened->data.find("train");
+    return train && fingerprint(*train) == static_cast<std::uint32_t>(*print);
   };
   if (!data.empty()) {
     try {
@@ -111,7 +111,7 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
     const TrainSettings usual;
     if (reading_of(run.settings) != reading_of(usual))
       remark("ubs: {} is what the run was trained on, and is read as it was then\n", data);
-    return run.settings;
+    return result;
   }
   const std::string named = run.text({"data"});
   std::string why = "is gone";
@@ -127,13 +127,13 @@ std::optional<TrainSettings> use_run_data(const std::string& model, std::string&
     }
     data = place.string();
     remark("ubs: data of the run: {}\n", data);
-    return run.settings;
+    return result;
   }
   fail(ErrorKind::data, "the data folder of the run ('{}') {}: name the data after the model", named, why);
 }
 
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
-                               const std::string& path, const std::optional<TrainSettings>& run) {
+                               const std::string& path, const RunData& run) {
   TrainSettings base = noted_settings(model.notes, path);
   read_as(base, run);
   const std::vector<FieldValue> fields = bind_fields(base, train_fields());

@@ -10,6 +10,7 @@
 
 #include "host/data/splat_file.hpp"
 #include "host/run/model_session.hpp"
+#include "host/run/open_data.hpp"
 #include "host/spec/train_settings.hpp"
 #include "tools/common/settings_options.hpp"
 
@@ -54,18 +55,22 @@ inline constexpr const char* kModelHelp =
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);
 
-// Where no data are named, those that the run of this model was trained on go to `data`, and what is returned
-// says how they were read (downscale, test_every, ...). So it does for the same data by another name; nothing
-// for others. Without named data throws Error(usage) for a model outside of a run's folder, Error(data) where
-// the run's data are gone or others.
-std::optional<TrainSettings> use_run_data(const std::string& model, std::string& data);
+// The data that a run was trained on, opened to recognise them. Empty: other data, or no run.
+struct RunData {
+  std::optional<TrainSettings> settings;  // of the run: how it read them (downscale, test_every, ...)
+  std::optional<OpenedData> opened;
+};
+
+// Where no data are named, those that the run of this model was trained on go to `data`. The result has them,
+// also where they are named, as a copy may be; it is empty for other data. Without named data throws
+// Error(usage) for a model outside of a run's folder, Error(data) where the run's data are gone or others.
+RunData use_run_data(const std::string& model, std::string& data);
 
 // `settings` read data as the run did, if there is one.
-void read_as(TrainSettings& settings, const std::optional<TrainSettings>& run);
+void read_as(TrainSettings& settings, const RunData& run);
 
-// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr. `run`:
-// what use_run_data() returned.
+// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr.
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
-                               const std::string& path, const std::optional<TrainSettings>& run = {});
+                               const std::string& path, const RunData& run = {});
 
 }  // namespace ubs::tools
