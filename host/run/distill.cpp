@@ -83,10 +83,13 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
   const SplatModel initial = exact_model(with_degree(closed_form, degree_));
   const TrainSettings settings = distilling_settings(drawing_, initial);
   if (costs_.empty()) costs_ = measure_steps(*device_, settings, train, initial, initial.count);
-  TimeBudget budget{.seconds = std::max(0.1 * seconds, seconds - watch.seconds()), .costs = costs_};
-  const BudgetedRun run = choose_iterations(std::move(budget), settings, train, initial.count);
+  const double left = seconds - watch.seconds();
+  const bool enough = expected_seconds(kMinIterations, costs_, settings, train, initial.count) <= left;
+  const BudgetedRun run =
+      enough ? choose_iterations({.seconds = left, .costs = costs_}, settings, train, initial.count)
+             : BudgetedRun{fast_settings_for(settings, kMinIterations, initial.count), {}};
   Trainer trainer(*device_, run.settings, train, train, initial);
-  trainer.keep_to(run.budget);
+  if (enough) trainer.keep_to(run.budget);
   Distilled out;
   out.before = trainer.evaluate_test().mean.psnr_channel_mean;
   trainer.run([&](const StepReport& report) {

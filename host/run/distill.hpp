@@ -30,7 +30,7 @@ class Distiller {
   // harmonics of this degree.
   Distiller(std::shared_ptr<Device> device, const MixedModel& model, TrainSettings drawing, Split views,
             int degree);
-  // At this time of a dynamic model. Throws Error(usage) where the time is too short for 100 iterations.
+  // At this time of a dynamic model, in about so many seconds, but at least kMinIterations.
   Distilled at(double time, const ImportedSplats& closed_form, double seconds);
 
  private:

@@ -12,7 +12,6 @@
 namespace ubs {
 namespace {
 
-constexpr int kMinIterations = 100;    // fewer make no model
 constexpr int kSamples = 400;          // of the work, for its time
 constexpr double kMinStepShare = 0.1;  // a step takes at least this share of fixed_ms, however few splats
 // The speed after a point over the speed before it, at least and at most.
@@ -74,12 +73,17 @@ double WorkTime::sweeps_left(double share) const {
   return seconds;
 }
 
+double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
+                        const Split& train, std::size_t points, const PictureFacts& pictures) {
+  const TrainSettings s = fast_settings_for(base, iterations, points, pictures);
+  const WorkTime time(costs, Schedule(s, first_splats(s, points)), pyramid_levels(s, train));
+  return iterations * time.steps_left(0) + time.sweeps_left(0);
+}
+
 BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
                               std::size_t points, const PictureFacts& pictures) {
   const auto seconds = [&](int iterations) {
-    const TrainSettings s = fast_settings_for(base, iterations, points, pictures);
-    const WorkTime time(budget.costs, Schedule(s, first_splats(s, points)), pyramid_levels(s, train));
-    return budget.measured + iterations * time.steps_left(0) + time.sweeps_left(0);
+    return budget.measured + expected_seconds(iterations, budget.costs, base, train, points, pictures);
   };
   if (const double least = seconds(kMinIterations); least > budget.seconds)
     fail(ErrorKind::usage,

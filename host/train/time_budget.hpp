@@ -57,9 +57,17 @@ struct TimeBudget {
   bool operator==(const TimeBudget&) const = default;
 };
 
+inline constexpr int kMinIterations = 100;  // fewer make no model
+
+// Returns the seconds of a run of so many iterations by the measured costs; the other arguments are those of
+// choose_iterations().
+double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
+                        const Split& train, std::size_t points, const PictureFacts& pictures = {});
+
 // The number of iterations that fits a time budget, as far as it can be known before the first one, and the
 // settings for them. `points`: splats that the data could start with, 0 where they are drawn at random.
-// `budget`: without first_iterations. Throws Error(usage) where the time is too short for any training.
+// `budget`: without first_iterations. Throws Error(usage) where the time is too short for
+// kMinIterations.
 struct BudgetedRun {
   TrainSettings settings;
   TimeBudget budget;

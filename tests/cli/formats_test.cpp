@@ -139,13 +139,13 @@ TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures
   ubs_ok(folder, "synth orbit --out data --size 40 --views 8 --test-views 1");
   ubs_ok(folder, "train data --out run --dim 7 --iterations 60 --init-points 600 --quiet");
   const json said =
-      json::parse(ubs_ok(folder, "convert run g.glb --distill 4s --series 2 --degree 1 --json").out);
+      json::parse(ubs_ok(folder, "convert run g.glb --distill 0.001s --series 2 --degree 1 --json").out);
   REQUIRE(said["distilled"].size() == 2);
   std::size_t splats = 0;
   for (const int moment : {0, 1}) {
     const json& one = said["distilled"][static_cast<std::size_t>(moment)];
     CHECK(one["time"] == moment);
-    CHECK(one["iterations"] >= 100);
+    CHECK(one["iterations"] == 100);  // the fewest, however short the time is
     // 5 to 9 dB more observed.
     CHECK(one["psnr_after"].get<double>() > one["psnr_before"].get<double>() + 2.5);
     const ImportedSplats made = read_foreign_splats(folder / fmt::format("g-00{}.glb", moment));
