@@ -35,9 +35,9 @@
 // The same in mode whiten (`whiten_large`, `whiten_mixed` of seeds 1 to 20: 1.2e-3 with 6e-3, 7.3e-4 with
 // 8e-3).
 #define UBS_QUERY_SCALE_WHITEN R(1.2e-2)
-// Below this ratio the conditional covariance is a sum of terms of its size, and with a weight that is less
-// than this below 1 it comes from its factor (conditional.h). I - U^T Y is known to 1e-7 of 1, which is 1e-4
-// of the square of the ratio.
+// Where a query scale is below this part of its row, and its weight is less than UBS_COUPLED_WEIGHT below 1,
+// the conditional covariance comes from its factor (conditional.h). I - U^T Y is known to 1e-7 of 1, which is
+// 1e-4 of the square of the ratio.
 #define UBS_COUPLED_RELATIVE R(0.03)
 #define UBS_COUPLED_WEIGHT R(1e-3)
 // Largest K' (sum of the sizes of its entries) with which that is done: K' is known to 1e-7 of it in every

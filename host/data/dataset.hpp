@@ -64,11 +64,12 @@ std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& fold
 // The layout that `path` would be opened as; an error that lists what was looked for when there is none.
 std::string detect_layout(const std::filesystem::path& path);
 
-// Opens the data; images are sources, of all splits and not decoded yet.
+// Opens the data. The images of all splits stay sources, which are not decoded yet.
 Dataset open_undecoded(const std::filesystem::path& path, const DatasetOptions& options);
-// Decodes the images that are wanted, at once where they fit the cache; the others lose their sources.
+// Decodes the images of options.image_splits if they fit the cache; otherwise they stay sources. Images of
+// other splits are dropped.
 void decode_images(Dataset& data, const DatasetOptions& options);
-// Both.
+// open_undecoded() and decode_images().
 Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& options = {});
 
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);

@@ -27,7 +27,7 @@ struct OpenedData {
   Dataset data;
 };
 OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings);
-// The same as without `opened`, and without reading files again where these settings read them the same way.
+// Like open_dataset() above, but uses `opened` instead of the files if these settings read them the same way.
 Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesystem::path& folder,
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images);

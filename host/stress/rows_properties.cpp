@@ -26,8 +26,8 @@ bool same_bits(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
-// Makes a few splats needles and gives every other one small query scales with weights below 1. Another order
-// puts others beside the needles, in the same vector.
+// Turns a few splats into needles, and gives every second splat small query scales with weights below 1. In
+// another order of the splats, other ones share a vector with a needle.
 void stiffen(Case& c) {
   const ParameterLayout& layout = c.model.layout();
   for (std::size_t i = 0; i < c.model.count; ++i) {

@@ -9,7 +9,7 @@
 namespace ubs::serve {
 namespace {
 
-// Draws whenever it can be paid; returns the share of the time that the pictures took.
+// Draws a picture whenever the purse affords it; returns the share of the time that the pictures took.
 double drawn_share(double share, double cost, double step, double seconds) {
   test::SimulatedTime time;
   Purse purse(share, time);
@@ -32,7 +32,7 @@ TEST_CASE("pictures take their share of the time, however quick steps and pictur
       const double share = drawn_share(0.03, cost, step, 4000);
       INFO("steps of " << step << " s, pictures of " << cost << " s: " << share);
       CHECK(share <= 0.03 * 1.001);
-      // One picture a step at most, and with steps of a second a picture waits for the end of one.
+      // There is one picture a step at most.
       const double possible = std::min(0.03, cost / (cost + step));
       CHECK(share > 0.9 * possible);
     }

@@ -55,15 +55,16 @@ inline constexpr const char* kModelHelp =
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);
 
-// The data that a run was trained on, opened to recognise them. Empty: other data, or no run.
+// The data that a run was trained on; empty if there is no run, or if it was trained on other data.
 struct RunData {
   std::optional<TrainSettings> settings;  // of the run: how it read them (downscale, test_every, ...)
-  std::optional<OpenedData> opened;
+  std::optional<OpenedData> opened;       // they were opened to compare them with those of the run
 };
 
-// Where no data are named, those that the run of this model was trained on go to `data`. The result has them,
-// also where they are named, as a copy may be; it is empty for other data. Without named data throws
-// Error(usage) for a model outside of a run's folder, Error(data) where the run's data are gone or others.
+// Finds the data that the run of this model was trained on. If `data` is empty, it is set to their path.
+// Otherwise `data` may be the same data or a copy of them, and the result is empty if it is neither. Without
+// named data it throws Error(usage) for a model outside of a run's folder, and Error(data) if the data are
+// gone or have changed.
 RunData use_run_data(const std::string& model, std::string& data);
 
 // `settings` read data as the run did, if there is one.
