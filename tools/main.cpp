@@ -107,9 +107,9 @@ int run(int argc, char** argv) {
       add_cameras(root),
       add_doctor(root),
       add_manual(root),
+      add_view(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),
-      add_view(root),
       add_web(root),
 #endif
   };

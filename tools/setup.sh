@@ -19,9 +19,8 @@ packages=(
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
   libopencv-features2d-dev libopencv-calib3d-dev
   libjpeg-dev libpng-dev                                     # JPEG and PNG with damage as errors
-  libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
-  libboost-dev                                               # ubs train --serve
+  libboost-dev                                               # ubs view, ubs train --serve
   libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )

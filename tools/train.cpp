@@ -28,6 +28,7 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/page_views.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
@@ -177,17 +178,6 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   return budget;
 }
 
-serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
-  const std::vector<Camera> cameras = cameras_of(train);
-  serve::Scene scene{.title = std::filesystem::path(start.out).filename().string(),
-                     .frame = scene_frame({{initial}}, cameras),
-                     .has_time = has_time(initial.dim)};
-  const std::size_t step = (cameras.size() + serve::kMaxCameras - 1) / serve::kMaxCameras;
-  for (std::size_t i = 0; i < cameras.size(); i += step)
-    scene.cameras.push_back({.name = train.views[i].name, .camera = cameras[i]});
-  return scene;
-}
-
 // The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
 void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkative) {
   if (!start.checkpoint) return folder.begin(start.settings);
@@ -328,7 +318,7 @@ int run(const TrainOptions& options) {
   std::optional<serve::LiveTraining> live;
   if (server)
     live.emplace(*server, options.serve_share, *device, trainer, settings,
-                 live_scene(start, train_split, initial));
+                 served_scene(start.out, initial, train_split));
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
   take_pace(trainer, settings);

@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
-#include <optional>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -13,7 +12,6 @@
 #include "host/report/page_picture.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
-#include "host/view/camera_path.hpp"
 #include "host/view/picture.hpp"
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
@@ -21,6 +19,7 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/page_views.hpp"
 #include "tools/common/path_options.hpp"
 
 namespace ubs::tools {
@@ -28,7 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kCamerasAround = 12;    // of a model that names none
 constexpr int kLongestPoster = 1024;  // pixels, in the page
 
 struct WebOptions : ModelOptions {
@@ -38,24 +36,6 @@ struct WebOptions : ModelOptions {
   int view = 0, levels = 1;
   bool exact = false, embed = false, json = false, quiet = false;
 };
-
-// Of the data, else those that the model remembers, else around it.
-Split web_views(const WebOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
-                const std::optional<OpenedData>& opened) {
-  if (!options.data.empty())
-    return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, opened);
-  Split split{.name = "views", .views = {}};
-  std::vector<Camera> cameras = noted_cameras(loaded.model, loaded.notes.cameras);
-  if (cameras.empty()) {
-    const SceneFrame frame = scene_frame(loaded.model, {}, frame_hints(loaded));
-    const auto path = orbit_path(frame, 0.87, 1);
-    for (int i = 0; i < kCamerasAround; ++i)
-      cameras.push_back(camera_at(path->at(i / static_cast<double>(kCamerasAround)), {.extra = frame.extra}));
-  }
-  for (std::size_t i = 0; i < cameras.size(); ++i)
-    split.views.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
-  return split;
-}
 
 web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
   const std::vector<Camera> cameras = cameras_of(split);
@@ -93,7 +73,7 @@ int run(WebOptions& options) {
   if (!options.data.empty()) run = use_run_data(options.model, options.data);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
-  const Split split = web_views(options, loaded, settings, run.opened);
+  const Split split = page_views(options, loaded, settings, run.opened, frame_hints(loaded));
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);
   const auto note = [&](const std::string& text) {

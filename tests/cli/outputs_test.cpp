@@ -194,7 +194,6 @@ const Writer kWriters[] = {
     {"bench --quick --run '^adam.random' --baseline b.json --json OUT", "b.json"},
     {"stress --run '^01' --json OUT", nullptr},
     {"tune --quick --raster gpu --size 48x40/500 --json OUT", nullptr},
-    {"view run/model.ply --screenshot OUT", "run/model.ply"},
 };
 
 std::string with_out(std::string arguments, const std::string& out) {
