@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenCV's codecs and videos. They bring 240 libraries, which take five times as long to load as all
+// OpenCV's codecs and videos. They bring 220 libraries, which take five times as long to load as all
 // others (docs/results/2026-11-24-starts.md), and most commands need none of them: they are in a module of
 // their own (opencv_module.cpp), which is loaded when one of them is called first.
 #pragma once
