@@ -20,7 +20,7 @@ constexpr double kGrownAt = 0.5;  // share of the run after which no splats are 
 // 30 000 iterations. Faster ones than kFastest break what is there.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
-constexpr int kSplatsAnIteration = 15, kMovingSplatsAnIteration = 8, kPointsAnIteration = 40,
+constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnIteration = 40,
               kMinSplats = 10000;
 
 // fast_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares

@@ -108,8 +108,8 @@ TEST_CASE("fast settings: rates of the direct form fall sooner where things move
   CHECK(share(4, 0.15) == 0.6);
   CHECK(share(7, 0.3) == 0.3);
   CHECK(share(7, 0.15, Conditioning::covariance) == 0.15);
-  CHECK(fast_run_splats(2000, 0, false) == 30000);
-  CHECK(fast_run_splats(2000, 0, true) == 16000);
+  CHECK(fast_run_splats(2000, 0, false) == 24000);
+  CHECK(fast_run_splats(2000, 0, true) == 20000);
 }
 
 TEST_CASE("fast settings: what pictures say about them", "[schedule]") {
