@@ -62,10 +62,6 @@ const Examples* examples_of(const std::string& command) {
   return found == std::end(kExamples) ? nullptr : &*found;
 }
 
-// Commands that became parts of others, as their users typed them.
-constexpr std::pair<const char*, const char*> kMoved[] = {
-    {"scaling", "bench scaling"}, {"curve", "accuracy curve"}, {"sweep", "stress"}};
-
 bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
 
 class HelpFormatter : public CLI::Formatter {
@@ -186,9 +182,6 @@ std::string full_name(const CLI::App& app) {
 }
 
 std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
-  if (const auto* moved = std::ranges::find(kMoved, word, [](const auto& m) { return std::string(m.first); });
-      moved != std::end(kMoved))
-    return fmt::format("'ubs {}' is called 'ubs {}' now", word, moved->second);
   std::vector<std::string> known;
   for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
     known.push_back(app->get_name());

@@ -208,10 +208,8 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("cli: commands that became parts of others say so, and know no option of theirs") {
+TEST_CASE("cli: commands below others know no option of theirs") {
   const TempFolder folder;
-  check_error(folder, "scaling --quick --out s", 2, "ubs bench scaling");
-  check_error(folder, "curve --quick --out c", 2, "ubs accuracy curve");
   check_error(folder, "bench --quick scaling --out s", 2, "--quick stands before 'scaling'");
   check_error(folder, "accuracy --quick", 2, "--out is required");
   check_error(folder, "bench scaling --no-such", 2, "ubs bench scaling --help");

@@ -90,8 +90,6 @@ TEST_CASE("fast settings: what somebody has set stays, whatever its value") {
   CHECK(s.lr_scale == free.lr_scale);
   CHECK(free.lr_scale < given.lr_scale);
   CHECK(free.refine.step > given.refine.step);
-  given.chosen = {"refine_every"};  // a key of earlier versions
-  CHECK(fast_settings_for(given, 16000, 0).refine == given.refine);
 }
 
 TEST_CASE("fast settings: rates of the direct form fall sooner where things move and nobody chose",
