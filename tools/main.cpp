@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
 #include "host/device/registry.hpp"
@@ -140,7 +139,6 @@ int run(int argc, char** argv) {
           ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
                     option->get_name(false, false), command.app->get_name());
       check_ranks(*command.app);
-      ubs::set_maker(command.app->get_name());
       return command.run();
     }
   ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");

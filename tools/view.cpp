@@ -7,7 +7,6 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/data/image.hpp"
@@ -18,6 +17,7 @@
 #include "host/view/viewer.hpp"
 #include "host/view/window.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
@@ -35,6 +35,7 @@ struct ViewOptions : ModelOptions {
   ServeOptions serve;
   std::string size = "800x600", out = ".", keys, screenshot, up;
   double fov = 50, quit_after = -1;
+  bool overwrite = false;
 };
 
 // The first of name.ext, name_1.ext, ... that does not exist.
@@ -308,7 +309,7 @@ int run(const ViewOptions& options) {
   if (const auto server = options.serve.open()) return serve_views(options, *server);
   const ImageSize size = parse_size("--size", options.size);
   if (!is_folder(options.out)) fail(ErrorKind::usage, "--out {}: is no folder", options.out);
-  check_output_files({options.screenshot}, {options.model, options.data});
+  check_output_files({options.screenshot}, {options.model, options.data}, options.overwrite);
   require_display();
   const LoadedModel loaded = options.load();
   const auto [settings, views] = open_views(options, loaded);
@@ -341,6 +342,7 @@ Command add_view(CLI::App& root) {
       ->type_name("NUMBER");
   for (const char* windowed : {"--size", "--out", "--keys", "--screenshot", "--quit-after"})
     options->serve.option().excludes(app->get_option(windowed));
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/gate.hpp"
 #include "host/check/verdicts.hpp"
@@ -167,13 +166,8 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   CHECK(check::Verdicts(devices[broken], build).all().at(0).right == false);
   CHECK(check::Verdicts(devices[0], build).all().at(0).right);
   CHECK(check::Verdicts(devices[0], build + "x").all().empty());
-  // What another command has written is replaced.
-  const std::string before = maker();
-  set_maker("ubs check");
   check::Verdicts(devices[0], build).keep({"form", {check::Part::loss}, true});
-  set_maker("ubs train");
   check::Verdicts(devices[0], build).keep({"form", {check::Part::loss}, false, "problem"});
-  set_maker(before);
   REQUIRE(check::Verdicts(devices[0], build).find("form", {check::Part::loss}));
   CHECK_FALSE(check::Verdicts(devices[0], build).find("form", {check::Part::loss})->right);
   DeviceInfo other = devices[0];
