@@ -42,7 +42,6 @@ Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);
 Command add_doctor(CLI::App& root);
 Command add_report(CLI::App& root);
-Command add_manual(CLI::App& root);
 Command add_web(CLI::App& root);
 
 }  // namespace ubs::tools

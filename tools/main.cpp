@@ -105,7 +105,6 @@ int run(int argc, char** argv) {
       add_experiment(root),
       add_cameras(root),
       add_doctor(root),
-      add_manual(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),
       add_view(root),

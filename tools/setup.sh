@@ -22,6 +22,7 @@ packages=(
   libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
   libboost-dev                                               # ubs train --serve
+  help2man                                                   # manual pages; optional
   libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )

@@ -213,8 +213,6 @@ TEST_CASE("cli: commands below others know no option of theirs") {
   check_error(folder, "bench --quick scaling --out s", 2, "--quick stands before 'scaling'");
   check_error(folder, "accuracy --quick", 2, "--out is required");
   check_error(folder, "bench scaling --no-such", 2, "ubs bench scaling --help");
-  ubs_ok(folder, "manual pages");
-  CHECK(std::filesystem::exists(folder / "pages/man1/ubs-bench-scaling.1"));
 }
 
 TEST_CASE("cli: unusable data is one line and exit code 3") {

@@ -460,12 +460,8 @@ TEST_CASE("help: groups, examples, and few options first") {
   const std::string eval = ubs_ok(folder, "eval --help").out;
   CHECK(eval.find("REQUIRED", eval.find("Positionals:")) != std::string::npos);
   CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);
-  for (const auto& [wrong, meant] : {std::pair{"train --max-splats 9", "did you mean --cap-max?"},
-                                     {"train --iteratons 9", "did you mean --iterations?"},
-                                     {"train --output x", "did you mean --out?"},
-                                     {"train --port 80", "did you mean --serve?"}})
-    check_error(folder, wrong, 2, meant);
-  for (const char* wrong : {"eval run --quiet", "metrics a b --seed 1", "info x --fast"}) {
+  check_error(folder, "train --iteratons 9", 2, "did you mean --iterations?");
+  for (const char* wrong : {"eval run --quiet", "metrics a b --seed 1", "info x --fast", "train --output x"}) {
     INFO(wrong);
     CHECK_THAT(run_ubs(folder, wrong).err, !Contains("did you mean"));
   }
