@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # What a machine with a GPU can show, in two phases. The first, less than two minutes on 16 cores, checks that the card
-# computes correctly: device list, `ubs check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
+# computes correctly: device list, `ubs devices --check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
 # short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
 # The second phase measures: tuning, a short and a long training, frames a second, times by stage against the card's
 # ceilings, CUDA against OpenCL. What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step
@@ -136,7 +136,7 @@ if [ "$phase" != fast ]; then
   [ "$has_opencl" = yes ] && views+=(opencl:gpu)
   begin packed 20 "$tests/test_packed"
   for view in "${views[@]}"; do
-    begin "check $view" 150 "$ubs" check --device "$view"
+    begin "check $view" 150 "$ubs" devices --check --device "$view"
     # Only CPUs use the kernels of "every vector width", and NVIDIA's compiler takes minutes for them.
     begin "stages $view" 150 "$tests/test_stages" --device "$view" --optional "~every vector width*"
     for suite in pipeline variants reduce; do

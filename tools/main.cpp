@@ -98,13 +98,11 @@ int run(int argc, char** argv) {
       bench,
       accuracy,
       add_stress(root),
-      add_check(root),
       add_tune(root),
       add_metrics(root),
       add_reduce(root),
       add_experiment(root),
       add_cameras(root),
-      add_doctor(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),
       add_view(root),

@@ -196,7 +196,7 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
     refused(fmt::format("bench --max-time {}", bad),
             fmt::format("--max-time: choose a number above 0, not {}", bad));
   for (const char* bad : {"0", "100001", "2.5", "nan"})
-    refused(fmt::format("doctor --cases {}", bad),
+    refused(fmt::format("devices --doctor --cases {}", bad),
             fmt::format("--cases: choose a whole number from 1 to 100000, not {}", bad));
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),

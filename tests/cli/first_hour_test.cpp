@@ -445,7 +445,7 @@ TEST_CASE("help: groups, examples, and few options first") {
   const TempFolder folder;
   const std::string alone = ubs_ok(folder, "").out;
   for (const char* part :
-       {"Learn:", "Look:", "Convert:", "Measure:", "Devices:", "ubs train photos", "ubs doctor"})
+       {"Learn:", "Look:", "Convert:", "Measure:", "Devices:", "ubs train photos", "ubs devices --doctor"})
     CHECK_THAT(alone, Contains(part));
   CHECK(alone.find("Exit codes") == std::string::npos);
   CHECK_THAT(ubs_ok(folder, "--help-all").out, Contains("Exit codes: 0 success"));
@@ -623,16 +623,16 @@ TEST_CASE("a report shows the worst view and remarks on what is wrong") {
 
 TEST_CASE("doctor: one page with a verdict") {
   const TempFolder folder;
-  const Result page = ubs_ok(folder, "doctor --device cpu --cases 2");
+  const Result page = ubs_ok(folder, "devices --doctor --device cpu --cases 2");
   for (const char* part : {"version ", "GiB free", "compiled kernels", "stages against float64: right",
                            "2 random cases, 0 failed", "ms a step", "verdict "})
     CHECK_THAT(page.out, Contains(part));
-  const Result broken = run_ubs(folder, "doctor --json --device nosuchdevice");
+  const Result broken = run_ubs(folder, "devices --doctor --json --device nosuchdevice");
   CHECK(broken.code == 4);
   put(folder / "file", "");
   const Result remark = test::run_command(
       folder,
-      fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' doctor --json --device cpu --cases 1", UBS_EXECUTABLE));
+      fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' devices --doctor --json --device cpu --cases 1", UBS_EXECUTABLE));
   REQUIRE(remark.code == 0);
   const json doctor = json::parse(remark.out);
   CHECK(doctor["well"] == true);
