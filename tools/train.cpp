@@ -28,6 +28,7 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/page_views.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
@@ -260,7 +261,8 @@ int run(const TrainOptions& options) {
   if (ranks().size() > 1) check_shared(options);
   TrainSettings& settings = start.settings;
   RunFolder folder(start.out, ranks().first());
-  if (!start.checkpoint) folder.check_new(options.start.overwrite);
+  const bool overwrite = options.start.overwrite || start.checkpoint;
+  folder.check_files(overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
   std::optional<EndOnRequest> beforehand(std::in_place);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
@@ -271,7 +273,8 @@ int run(const TrainOptions& options) {
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
   const Split train_split = take_train(data, settings, !start.checkpoint);
   const Split test_split = take_test(data, settings);
-  folder.check_renders(test_split, settings.save_renders);
+  folder.check_renders(test_split, settings.save_renders, overwrite);
+  for (const Split* split : {&train_split, &test_split}) folder.check_apart_from(*split);
   const std::unique_ptr<Device> device =
       open_proved_device(device_of_rank(options.device), use_of(settings, options));
   std::unique_ptr<ImageMetrics> networks;
@@ -346,6 +349,8 @@ int run(const TrainOptions& options) {
       json["offset"] = data.offset;
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
+      json["renders"] = outcome.interrupted ? std::vector<std::string>{}
+                                            : RunFolder::render_names(test_split, settings.save_renders);
       json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
@@ -396,7 +401,7 @@ Command add_train(CLI::App& root) {
                 "with --resume: also on another device (other bits)")
       ->needs("--resume")
       ->group(kRareGroup);
-  app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
+  add_overwrite_option(*app, options->start.overwrite);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
                   "percent of the time of training that visitors of --serve may cost [5]")

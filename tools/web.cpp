@@ -6,7 +6,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/report/page_picture.hpp"
@@ -16,6 +15,7 @@
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
@@ -34,7 +34,7 @@ struct WebOptions : ModelOptions {
   std::string out, poster, title;
   double psnr = web::kPsnr;
   int view = 0, levels = 1;
-  bool exact = false, embed = false, json = false, quiet = false;
+  bool exact = false, embed = false, json = false, quiet = false, overwrite = false;
 };
 
 web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
@@ -66,7 +66,7 @@ int run(WebOptions& options) {
   const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
     fail(ErrorKind::usage, "--out {}: --embed, --poster and --title are of a page", options.out);
-  check_output_files({options.out, options.poster}, {options.model, options.data});
+  check_output_files({options.out, options.poster}, {options.model, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   RunData run;
@@ -165,6 +165,7 @@ Command add_web(CLI::App& root) {
   app->add_flag("--embed", options->embed,
                 "for a frame in another page: controls folded, the wheel scrolls until a click");
   app->add_option("--title", options->title, "of the page [name of the file]")->type_name("TEXT");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   app->add_flag("--quiet", options->quiet, "no notes on the way");
   return {app, [options] { return run(*options); }};

@@ -119,8 +119,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
-  // refine_every: the step alone, as earlier versions had it.
-  if (is_free(s, "refine", s.refine.step, standard.refine.step) && !s.chosen.contains("refine_every"))
+  if (is_free(s, "refine", s.refine.step, standard.refine.step))
     s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
   const double first = static_cast<double>(s.refine.first) / kScheduleLength;
