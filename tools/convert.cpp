@@ -41,11 +41,11 @@ struct ConvertOptions {
                         conditioning;
   double time = 0;
   int dim = 3, degree = 3, series = 0;
-  bool json = false;
+  bool json = false, overwrite = false;
   CLI::Option *split_option = nullptr, *dim_option = nullptr, *time_option = nullptr,
               *opacity_option = nullptr;
   RunData run;
-  bool split_given() const { return split_option->count() > 0, overwrite = false; }
+  bool split_given() const { return split_option->count() > 0; }
 };
 
 std::string target_format(const ConvertOptions& options, SplatFormat source) {

@@ -108,7 +108,7 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   Split split;
   if (!options.data.empty()) {
     split = open_split_for(model.offset, options.data, name, settings, Images::skip, opened);
-    check_apart(options.out, split);
+    check_apart_from_images(options.out, split);
   }
   if (options.path.wanted()) {
     const std::vector<Camera> cameras =

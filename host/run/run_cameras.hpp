@@ -21,7 +21,7 @@ struct RunCameras {
 };
 
 // The files that write_run_cameras() writes.
-constexpr std::array kRunCameraFiles{"cameras.txt", "images.txt", "points3D.txt", "transforms.json"};
+inline constexpr std::array kRunCameraFiles{"cameras.txt", "images.txt", "points3D.txt", "transforms.json"};
 
 // `offset`: of the cameras in the world.
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,

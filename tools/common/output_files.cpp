@@ -103,7 +103,7 @@ void check_apart(const fs::path& folder, const Paths& data) {
   }
 }
 
-void check_apart(const fs::path& folder, const Split& views) {
+void check_apart_from_images(const fs::path& folder, const Split& views) {
   for (const View& view : views.views)
     if (!view.file.empty() && same_file(folder, folder_of(view.file))) refuse_data_folder(folder);
 }

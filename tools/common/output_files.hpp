@@ -29,7 +29,7 @@ void check_free(const Paths& files, bool overwrite);
 // read by its name or that has cameras. Data are folders or files.
 void check_apart(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
-void check_apart(const std::filesystem::path& folder, const Split& views);
+void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
 
 // For files of known `names` in a folder: check_apart(), then the first part of check_output_files() with the
 // data as inputs, then the folder itself: made if it is missing, and locked against other processes. Null for an

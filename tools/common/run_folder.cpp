@@ -86,7 +86,7 @@ void RunFolder::check_renders(const Split& split, int count, bool overwrite) con
 }
 
 void RunFolder::check_apart_from(const Split& views) const {
-  for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart(folder, views);
+  for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart_from_images(folder, views);
 }
 
 // The renders that the metrics.json of an earlier run lists.
