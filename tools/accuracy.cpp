@@ -179,8 +179,6 @@ int compare(const AccuracyOptions& options, const std::vector<Result>& results,
 }
 
 int run(const AccuracyOptions& options) {
-  // `ubs accuracy curve` is parsed without it: nothing that CLI11 can require.
-  if (options.out.empty()) fail(ErrorKind::usage, "--out is required (see 'ubs accuracy --help')");
   files_before_output();
   options.settings.resolve();  // what is wrong with them is said before scenes are made
   accuracy::MeasureOptions measure_options{.configurations = configurations(options),
@@ -232,12 +230,12 @@ int run(const AccuracyOptions& options) {
 
 }  // namespace
 
-Command add_accuracy(CLI::App& root, Command& curve) {
+Command add_accuracy(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
-  curve = add_curve(*app);  // CLI11 2.4 refuses it behind a positional argument of the same name
   const auto options = std::make_shared<AccuracyOptions>(*app);
-  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .svg (needed)")
+  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .svg")
+      ->required()
       ->type_name("DIR");
   app->add_option("--scene", options->scenes,
                   "embedded scenes, trained briefly [all, unless --model is given]")

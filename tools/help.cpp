@@ -41,11 +41,7 @@ constexpr Examples kExamples[] = {
     {"pack", kConvert, "ubs pack photos --out photos.ubsd", "ubs pack photos --downscale 2 --out half.ubsd"},
     {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
     {"bench", kMeasure, "ubs bench --quick", "ubs bench run photos --run iteration"},
-    {"scaling", kMeasure, "ubs bench scaling --out scaling",
-     "ubs bench scaling --max-splats 300000 --out scaling"},
     {"accuracy", kMeasure, "ubs accuracy --out accuracy", "ubs accuracy run photos --out accuracy"},
-    {"curve", kMeasure, "ubs accuracy curve --quick --out curve",
-     "ubs accuracy curve photos --seconds 60 --out curve"},
     {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
     {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
      "ubs gradients run photos --view 3 --split train --out gradients.ply"},
@@ -61,10 +57,6 @@ const Examples* examples_of(const std::string& command) {
   const auto found = std::ranges::find_if(kExamples, [&](const Examples& e) { return command == e.command; });
   return found == std::end(kExamples) ? nullptr : &*found;
 }
-
-// Commands that became parts of others, as their users typed them.
-constexpr std::pair<const char*, const char*> kMoved[] = {
-    {"scaling", "bench scaling"}, {"curve", "accuracy curve"}, {"sweep", "stress"}};
 
 bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
 
@@ -186,9 +178,6 @@ std::string full_name(const CLI::App& app) {
 }
 
 std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
-  if (const auto* moved = std::ranges::find(kMoved, word, [](const auto& m) { return std::string(m.first); });
-      moved != std::end(kMoved))
-    return fmt::format("'ubs {}' is called 'ubs {}' now", word, moved->second);
   std::vector<std::string> known;
   for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
     known.push_back(app->get_name());

@@ -20,9 +20,9 @@ void prepare_help(CLI::App& root);
 // Once all subcommands are there. A command that the table of examples lacks is an internal error.
 void arrange_commands(CLI::App& root);
 
-// "ubs bench scaling".
+// "ubs bench".
 std::string full_name(const CLI::App& app);
-// What a word is that no command has: the new name of an old one, or the nearest.
+// The message for a word that is no command: with the nearest one, or the list of all.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);
 
 // "; did you mean --cap-max?", or nothing: an option of nearly the same letters, else those whose names and

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy and ubs accuracy curve as processes: files, fronts, comparison with a baseline and its exit
-// code, refusals.
+// ubs accuracy as a process: files, fronts, comparison with a baseline and its exit code, refusals.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -101,9 +100,9 @@ TEST_CASE("accuracy: what is refused") {
 
 // It took its own numbers all the same; a baseline without anything of the run passed, and devices of one
 // name were mixed.
-TEST_CASE("accuracy, curve: --quick leaves what is chosen") {
+TEST_CASE("accuracy: --quick leaves what is chosen") {
   const TempFolder folder;
-  put(folder / "other.json", R"({"results": [], "curves": []})");
+  put(folder / "other.json", R"({"results": []})");
   const auto check_uncompared = [&](const std::string& arguments) {
     const Result run = run_ubs(folder, arguments + " --baseline other.json");
     CHECK(run.code == 3);
@@ -115,46 +114,6 @@ TEST_CASE("accuracy, curve: --quick leaves what is chosen") {
   CHECK_THAT(get(folder / "a/accuracy.json"), Contains(" [0]\"") && Contains(" [1]\""));
   CHECK_THAT(get(folder / "a/accuracy.md"),
              Contains(" 90 splats, N = 6, view 0 of 33x33") && Contains("medians of 1 rounds"));
-  check_uncompared("accuracy curve --quick --quiet --config a:dim=3 --iterations 4 --cap-max 70 --out c");
-  const json points = json::parse(get(folder / "c/curve.json")).at("curves")[0].at("points");
-  REQUIRE(points.size() == 4);
-  CHECK(points[3].at("iteration") == 4);
-  CHECK(points[3].at("splats") == 70);
-}
-
-TEST_CASE("curve: files and baseline") {
-  const TempFolder folder;
-  const std::string run = "accuracy curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
-  const Result first = run_ubs(folder, run + "a");
-  INFO(first.err);
-  REQUIRE(first.code == 0);
-  json file = json::parse(get(folder / "a/curve.json"));
-  REQUIRE(file.at("curves").size() == 2);
-  CHECK(file["curves"][1]["configuration"] == "b");
-  const json points = file["curves"][0]["points"];
-  REQUIRE(points.size() == 20);  // 60 iterations, evaluated every third
-  CHECK(points[0]["iteration"] == 3);
-  CHECK(points[19]["psnr"] > points[0]["psnr"]);
-  CHECK_THAT(get(folder / "a/curve.svg"), StartsWith("<svg") && Contains("Test SSIM"));
-  const std::string csv = get(folder / "a/curve.csv");
-  CHECK(std::count(csv.begin(), csv.end(), '\n') == 41);
-
-  // Quality is a function of settings, data and device: the same again, also with the trainings one by one.
-  const Result same = run_ubs(folder, run + "b --sequential --baseline a/curve.json");
-  CHECK(same.code == 0);
-  CHECK_THAT(same.out, Contains("+0.000"));
-  file["curves"][1]["points"][19]["psnr"] = 99;
-  put(folder / "better.json", file.dump());
-  CHECK(run_ubs(folder, run + "c --baseline better.json").code == 8);
-  CHECK(run_ubs(folder, "accuracy curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
-  CHECK(run_ubs(folder,
-                "accuracy curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,freeze=nothing "
-                "--out d")
-            .code == 2);
-  // Were read as the first one has it.
-  check_error(folder, "accuracy curve --quick --config a:dim=3 --config b:downscale=2 --out d", 2,
-              "'b' has downscale = 2, 'a' has 1");
-  check_error(folder, "accuracy curve --quick --config a:dim=auto --out d", 2, "'a' leaves N to the data");
 }
 
 }  // namespace

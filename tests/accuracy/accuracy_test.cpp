@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV, JSON,
+// The parts of `ubs accuracy` that need no device: norms, fronts, configurations, CSV, JSON,
 // baselines.
 #include <catch2/catch.hpp>
 #include <limits>
 
 #include "host/accuracy/accuracy_report.hpp"
 #include "host/accuracy/baseline.hpp"
-#include "host/accuracy/curve.hpp"
 #include "host/accuracy/front.hpp"
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
@@ -136,34 +135,6 @@ TEST_CASE("accuracy: means over scenes and the page") {
   const std::string page = accuracy_page(results, {{"* date: today"}, "p.png"});
   CHECK_THAT(page,
              Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
-}
-
-TEST_CASE("curves: the comparison with a later run") {
-  const TempFolder folder;
-  Curve a{.device = "D",
-          .configuration = "a",
-          .settings = "dim=3",
-          .note = "",
-          .points = {{10, 1, 5, 20, 20, 0.5}, {20, 2, 5, 22, 22, 0.6}}};
-  Curve b = a;
-  b.configuration = "b, c";
-  b.points[1] = {20, 3, 5, 23, 23, 0.7};
-  std::vector<Curve> curves{a, b};
-  put(folder / "c.json", json_text({{"curves", curves_json(curves)}}));
-  const std::vector<Curve> old = read_curves(folder / "c.json");
-  REQUIRE(old.size() == 2);
-  CHECK(old[1].configuration == "b, c");
-  auto same = compare_curves(curves, old);
-  REQUIRE(same.size() == 2);
-  CHECK(same[1].old_time_ratio == Approx(1.5));
-  CHECK(!same[1].regression);
-  curves[1].points[1].psnr = 22.3;
-  CHECK(compare_curves(curves, old)[1].regression);
-  curves[1].points.pop_back();  // compares where both have an evaluation
-  CHECK(compare_curves(curves, old)[1].psnr == 20);
-  CHECK_THAT(curve_table(curves), Contains("| a | dim=3 | 20 | 2.0 | 5 | 22.000 |"));
-  CHECK_THAT(curve_plot(curves), Contains("b, c: 20 at 10"));
-  CHECK_THAT(curve_csv(curves), Contains("\nD,\"b, c\",dim=3,10,"));
 }
 
 }  // namespace

@@ -28,7 +28,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"report", "base scene spec data pipeline train view"},
     {"reduce", "base scene kernels data pipeline train"},
     {"experiment", "base cluster spec data train"},
-    {"bench", "base cluster scene spec data device kernels pipeline train report"},
+    {"bench", "base scene spec data device pipeline train"},
     {"accuracy", "base scene spec device kernels pipeline train report bench oracle"},
     {"check", "base device kernels metrics pipeline accuracy oracle"},
     {"stress", "base scene data device pipeline train bench oracle"},
