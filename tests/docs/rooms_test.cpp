@@ -29,7 +29,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"reduce", "base scene kernels data pipeline train"},
     {"experiment", "base cluster spec data train"},
     {"bench", "base scene spec data device pipeline train"},
-    {"accuracy", "base scene spec device kernels pipeline train report bench oracle"},
+    {"accuracy", "base scene spec device kernels pipeline train bench oracle"},
     {"check", "base device kernels metrics pipeline accuracy oracle"},
     {"stress", "base scene data device pipeline train bench oracle"},
     {"run", "base cluster scene spec data device pipeline metrics train view check"},
