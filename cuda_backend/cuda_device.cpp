@@ -47,7 +47,6 @@ CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
   make_current();
   cudaDeviceProp properties{};
   check(cudaGetDeviceProperties(&properties, ordinal), "cudaGetDeviceProperties");
-  cache_bytes_ = static_cast<std::size_t>(properties.l2CacheSize);
   capability_ = 10 * properties.major + properties.minor;
   for (StreamHandle* handle : {&stream_, &upload_stream_}) {
     cudaStream_t stream = nullptr;

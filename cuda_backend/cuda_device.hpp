@@ -64,7 +64,6 @@ class CudaDevice final : public Device, public TunableDevice {
   std::vector<ProgramUse> programs() const override;
   std::unique_ptr<Stages> make_stages(const KernelConfig& config) override;
   std::unique_ptr<MetricOps> make_metric_ops() override;
-  std::unique_ptr<CeilingKernels> make_ceiling_kernels() override;
   TunableDevice* tunable() override { return this; }
 
   TunedTable tuned_constants() const override { return cuda::tuned_constants(); }
@@ -102,7 +101,6 @@ class CudaDevice final : public Device, public TunableDevice {
     timed(name, enqueue);
   }
 
-  std::size_t cache_bytes() const { return cache_bytes_; }
   // Compiled and loaded once, for the life of the device.
   const Module& module(const ProgramSpec& spec);
 
@@ -149,7 +147,6 @@ class CudaDevice final : public Device, public TunableDevice {
     std::unique_ptr<Module> module;
   };
   int ordinal_, capability_ = 0;
-  std::size_t cache_bytes_ = 0;  // of level 2
   DeviceInfo info_;
   bool profiling_ = false, synchronous_ = false;
   StreamHandle stream_, upload_stream_;

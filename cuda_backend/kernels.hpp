@@ -113,15 +113,6 @@ using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel,
                                   LpipsDistanceKernel, PartialSumsKernel, SsimRowsKernel, SsimColumnsKernel>;
 MetricKernels metric_kernels();
 
-// ceiling_kernels.cu, in blocks of any size that divides the threads.
-struct CeilingFunctions {
-  Kernel<CeilingFmaKernel> fma;
-  Kernel<CeilingReadKernel> read;
-  Kernel<CeilingWriteKernel> write;
-  Kernel<CeilingUpdateKernel> update;
-};
-CeilingFunctions ceiling_functions();
-
 // list_kernels.cu, one thread an element.
 constexpr unsigned kListBlock = 256;
 struct ListKernels {

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy: errors against float64 beside times, for configurations of the kernels on scenes and devices.
+// ubs accuracy: one table of errors against float64 beside times, for forms of the kernels on scenes and
+// devices.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 
-#include "host/accuracy/accuracy_report.hpp"
-#include "host/accuracy/baseline.hpp"
+#include "host/accuracy/table.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/paths.hpp"
 #include "host/bench/runner.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/run/open_data.hpp"
@@ -27,11 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 using namespace ubs::accuracy;
 
-constexpr int kErrorRegressionExitCode = 8;
-constexpr const char* kTruth =
-    "float64 by the oracle of host/oracle: the formulas of the method written independently, gradients "
-    "by a tape";
-
 std::vector<std::string_view> accuracy_keys() {
   std::vector<std::string_view> keys = drawing_keys();
   keys.insert(keys.end(), {"lambda_dssim", "query_grad"});
@@ -43,11 +37,10 @@ struct AccuracyOptions {
   SettingsOptions settings;
   ImportChoice import;
   std::vector<std::string> scenes, devices, configurations;
-  std::string data, model, split = "test", out, baseline;
+  std::string data, model, split = "test", out;
   std::size_t view = 0, splats = 10'000, rounds = 9;
   int size = 200, iterations = 300, dim = 6;
-  double sample_ms = 10;
-  bool quick = false, processor_time = false, no_stages = false, quiet = false, json = false, overwrite = false;
+  bool quick = false, quiet = false, overwrite = false;
 };
 
 // Of a configuration measure() asks for the form of the method and these.
@@ -67,7 +60,7 @@ void check_measured(const Configuration& c) {
     }
 }
 
-// The default comes first in any case: times are ratios to it.
+// The default comes first in any case, to compare the others with.
 std::vector<Configuration> configurations(const AccuracyOptions& options) {
   std::vector<Configuration> all;
   for (const std::string& text : options.configurations) {
@@ -124,29 +117,6 @@ std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& devi
   return scenes;
 }
 
-std::vector<std::string> header_lines(const AccuracyOptions& options,
-                                      const std::vector<std::shared_ptr<Device>>& devices,
-                                      const std::vector<NamedScene>& scenes) {
-  std::vector<std::string> lines{"* date: " + utc_date(), "* command: `" + command_line() + "`",
-                                 "* " + version_line()};
-  for (const auto& device : devices) lines.push_back("* device: " + describe(device->info()));
-  for (const NamedScene& s : scenes) {
-    const Camera& camera = s.scene.views.views[s.view].camera;
-    lines.push_back(fmt::format("* scene {}: {} splats, N = {}, view {} of {}x{}", s.name,
-                                s.scene.model.count, s.scene.model.dim, s.view, camera.width, camera.height));
-  }
-  lines.push_back(std::string("* truth: ") + kTruth);
-  lines.push_back(fmt::format(
-      "* times: {} time, medians of {} rounds that take every configuration in turn; forward = projection, "
-      "lists, rasteriser; iteration = with loss and backward, without update",
-      options.processor_time ? "processor" : "wall", options.rounds));
-  lines.push_back(
-      "* errors: relative 2-norm, of gradients without the 1 % of splats that differ most; front: no other "
-      "configuration is better by 10 % in error or by 2 % (and three standard errors) in time and as good in "
-      "the other");
-  return lines;
-}
-
 // Devices of one name are told apart by their place in --device.
 std::string label_of(const std::vector<std::shared_ptr<Device>>& devices, std::size_t i) {
   const std::string& name = devices[i]->info().name;
@@ -154,59 +124,35 @@ std::string label_of(const std::vector<std::shared_ptr<Device>>& devices, std::s
   return same > 1 ? fmt::format("{} [{}]", name, i) : name;
 }
 
-void write_results(const AccuracyOptions& options, const std::vector<Result>& results,
-                   const std::vector<std::string>& lines) {
+void write_results(const AccuracyOptions& options, const std::vector<Result>& results) {
   const fs::path folder = options.out;
-  write_file_atomically(folder / "accuracy.csv", accuracy_csv(results));
+  write_file_atomically(folder / "accuracy.csv", table_csv(results));
   write_file_atomically(folder / "accuracy.json", json_file_text({{"version", version()},
                                                                   {"build", build_id()},
                                                                   {"date", utc_date()},
                                                                   {"command", command_line()},
-                                                                  {"truth", kTruth},
-                                                                  {"results", accuracy_json(results)}}));
-  write_file_atomically(folder / "accuracy.svg", accuracy_plot(results));
-  write_file_atomically(folder / "accuracy.md", accuracy_page(results, {lines, "accuracy.svg"}));
-}
-
-int compare(const AccuracyOptions& options, const std::vector<Result>& results,
-            const std::vector<BaselineRow>& baseline, bool interrupted) {
-  if (options.baseline.empty()) return 0;
-  const std::vector<BaselineComparison> comparisons = compare_with_baseline(results, baseline);
-  if (!interrupted) require_compared(options.baseline, comparisons.size());
-  const bool worse = std::ranges::any_of(comparisons, &BaselineComparison::regression);
-  if (!options.json && (worse || !options.quiet)) say("\n{}", baseline_text(comparisons));
-  return worse ? kErrorRegressionExitCode : 0;
+                                                                  {"results", table_json(results)}}));
 }
 
 int run(const AccuracyOptions& options) {
-  // `ubs accuracy curve` is parsed without it: nothing that CLI11 can require.
-  if (options.out.empty()) fail(ErrorKind::usage, "--out is required (see 'ubs accuracy --help')");
   files_before_output();
   options.settings.resolve();  // what is wrong with them is said before scenes are made
   accuracy::MeasureOptions measure_options{.configurations = configurations(options),
                                            .rounds = options.rounds,
-                                           .sample_ms = options.sample_ms,
-                                           .processor_time = options.processor_time,
-                                           .stages = !options.no_stages,
+                                           .sample_ms = options.quick ? 1.0 : 10.0,
                                            .stop = {},
                                            .on_progress = {}};
-  const std::vector<BaselineRow> baseline =
-      options.baseline.empty() ? std::vector<BaselineRow>{} : read_accuracy_baseline(options.baseline);
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_device(name));
-  if (options.processor_time)
-    for (const auto& device : devices)
-      if (device->info().type != DeviceType::cpu)
-        fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
-  const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.svg"};
-  const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline}, options.overwrite);
+  const auto held = take_folder(options.out, {"accuracy.csv", "accuracy.json"}, {options.data, options.model},
+                                options.overwrite);
   const std::vector<NamedScene> scenes = load_scenes(options, *devices.front());
-  const std::vector<std::string> lines = header_lines(options, devices, scenes);
 
   const InterruptGuard guard;
   measure_options.stop = [&] { return guard.interrupted(); };
   std::vector<Result> results;
+  if (!options.quiet) say("{}\n", table_header());
   for (std::size_t i = 0; i < devices.size(); ++i)
     for (const NamedScene& scene : scenes) {
       if (guard.interrupted()) break;
@@ -215,29 +161,25 @@ int run(const AccuracyOptions& options) {
         if (!options.quiet) remark("{}, {}: {}\n", device.substr(0, 32), scene.name, text);
       };
       std::vector<Result> fresh = measure(*devices[i], scene, measure_options);
-      for (Result& result : fresh) result.device = device;
-      if (!options.quiet && !options.json)
-        say("\n{}, {}\n{}", device, scene.name, result_table(fresh, device, scene.name));
+      for (Result& result : fresh) {
+        result.device = device;
+        if (!options.quiet) say("{}\n", table_row(result));
+      }
+      flush_out();
       results.insert(results.end(), fresh.begin(), fresh.end());
     }
-  add_means(results);
-  if (results.empty()) return kInterruptedExitCode;
-  write_results(options, results, lines);
-  if (options.json) print_json({{"results", accuracy_json(results)}});
-  if (!options.quiet && !options.json)
-    say("\naccuracy.csv, accuracy.json, accuracy.md and accuracy.svg in {}\n", options.out);
-  const int code = compare(options, results, baseline, guard.interrupted());
-  return guard.interrupted() ? kInterruptedExitCode : code;
+  if (!results.empty()) write_results(options, results);
+  return guard.interrupted() ? kInterruptedExitCode : 0;
 }
 
 }  // namespace
 
-Command add_accuracy(CLI::App& root, Command& curve) {
+Command add_accuracy(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
-  curve = add_curve(*app);  // CLI11 2.4 refuses it behind a positional argument of the same name
   const auto options = std::make_shared<AccuracyOptions>(*app);
-  app->add_option("--out", options->out, "folder for accuracy.csv, .json, .md and .svg (needed)")
+  app->add_option("--out", options->out, "folder for accuracy.csv and accuracy.json")
+      ->required()
       ->type_name("DIR");
   app->add_option("--scene", options->scenes,
                   "embedded scenes, trained briefly [all, unless --model is given]")
@@ -254,7 +196,7 @@ Command add_accuracy(CLI::App& root, Command& curve) {
       ->type_name("A,B,...");
   app->add_option(
          "--config", options->configurations,
-         "a configuration beside the default instead of the standard ones; behind a bar what the truth has "
+         "a form to measure with the default, instead of the standard ones; after a bar, what the truth has "
          "(repeatable)")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
@@ -274,19 +216,9 @@ Command add_accuracy(CLI::App& root, Command& curve) {
   app->add_option("--rounds", options->rounds, "of timing [9]")
       ->check(from_to(1, 10'000))
       ->type_name("COUNT");
-  app->add_option("--sample-ms", options->sample_ms, "least time of a sample [10]")
-      ->check(positive())
-      ->type_name("MS");
-  app->add_flag("--processor-time", options->processor_time,
-                "processor time instead of wall time: for CPUs that others use too");
-  app->add_flag("--no-stages", options->no_stages, "end to end only");
-  app->add_option("--baseline", options->baseline,
-                  "accuracy.json of an earlier run; exit code 8 where errors grew")
-      ->type_name("FILE");
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   add_overwrite_option(*app, options->overwrite);
-  app->add_flag("--json", options->json, "print the JSON of the results");
   // What a model has, and what embedded scenes have, of which a model alone has none.
   for (const char* name : {"--split", "--import", "--support"}) app->get_option(name)->needs("--model");
   return {app, [app, options] {
@@ -301,7 +233,6 @@ Command add_accuracy(CLI::App& root, Command& curve) {
             quick("--size", options->size, 48);
             quick("--iterations", options->iterations, 40);
             quick("--rounds", options->rounds, 3);
-            quick("--sample-ms", options->sample_ms, 1);
             return run(*options);
           }};
 }

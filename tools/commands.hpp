@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The subcommands of the executable. Each add_* declares options and help on `root`, or on the command that
-// it is a part of, and returns what to run once the command line has been parsed; the result of run() is the
-// exit code.
+// The subcommands of the executable. Each add_* declares options and help on `root` and returns what to run
+// once the command line has been parsed; the result of run() is the exit code.
 #pragma once
 
 #include <functional>
@@ -32,11 +31,9 @@ Command add_gradients(CLI::App& root);
 Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
-Command add_scaling(CLI::App& bench);
 Command add_stress(CLI::App& root);
 Command add_tune(CLI::App& root);
-Command add_accuracy(CLI::App& root, Command& curve);
-Command add_curve(CLI::App& accuracy);
+Command add_accuracy(CLI::App& root);
 Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);
 Command add_report(CLI::App& root);

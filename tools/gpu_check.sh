@@ -3,9 +3,8 @@
 # What a machine with a GPU can show, in two phases. The first, less than two minutes on 16 cores, checks that the card
 # computes correctly: device list, `ubs devices --check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
 # short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
-# The second phase measures: tuning, a short and a long training, frames a second, times by stage against the card's
-# ceilings, CUDA against OpenCL. What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step
-# says "untuned".
+# The second phase measures: tuning, a short and a long training, frames a second, times by stage, CUDA against OpenCL.
+# What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step says "untuned".
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # GPU_CHECK_PHASE=right or fast runs one of them; both together take nine minutes.
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
@@ -194,7 +193,7 @@ reserve=$((limit * 15 / 100))
 step "quality, frames a second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
   --out "$out/eval_long.json" --overwrite
 
-# Times by stage, on both views of the card: of scenes of a fixed size against the card's ceilings, then of the model.
+# Times by stage, on both views of the card: of scenes of a fixed size, then of the model.
 devices=$device
 [ "$has_opencl" = yes ] && devices=$device,opencl:gpu
 scenes="$(printf '^[^.]*[.]synthetic[.]%s[.]' "${GPU_CHECK_SCENE:-300K}")"

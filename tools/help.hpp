@@ -20,7 +20,7 @@ void prepare_help(CLI::App& root);
 // Once all subcommands are there. A command that the table of examples lacks is an internal error.
 void arrange_commands(CLI::App& root);
 
-// "ubs bench scaling".
+// "ubs bench".
 std::string full_name(const CLI::App& app);
 // The error message for a word that is not a subcommand, with the nearest one.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);

@@ -52,8 +52,7 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
   const auto used = root.get_subcommands();
   if (used.empty() && !arguments.empty() && !arguments.front().starts_with('-'))
     return report(ubs::tools::unknown_subcommand(root, arguments.front()), code);
-  const CLI::App* app = &root;
-  while (!app->get_subcommands().empty()) app = app->get_subcommands().front();
+  const CLI::App* app = used.empty() ? &root : used.front();
   const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
   return report(
       fmt::format("{}{} (see '{} --help')", error.what(),
@@ -63,7 +62,7 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
 
 // Others would do, and write, everything as often as there are ranks.
 void check_ranks(const CLI::App& command) {
-  constexpr std::array kShared{"bench", "eval", "experiment", "render", "train"};
+  constexpr std::array kShared{"eval", "experiment", "render", "train"};
   if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command.get_name()) == kShared.end())
     ubs::fail(ubs::ErrorKind::usage, "'{}' is a command of one process: leave out mpirun",
               ubs::tools::full_name(command));
@@ -79,11 +78,7 @@ int run(int argc, char** argv) {
   root.require_subcommand(1);
   using namespace ubs::tools;
   prepare_help(root);
-  Command curve{};
-  const Command bench = add_bench(root), accuracy = add_accuracy(root, curve);
   const std::vector<Command> commands{
-      add_scaling(*bench.app),
-      curve,  // before what they are parts of
       add_train(root),
       add_plan(root),
       add_render(root),
@@ -95,8 +90,8 @@ int run(int argc, char** argv) {
       add_gradients(root),
       add_devices(root),
       add_compare(root),
-      bench,
-      accuracy,
+      add_bench(root),
+      add_accuracy(root),
       add_stress(root),
       add_tune(root),
       add_metrics(root),
@@ -131,10 +126,6 @@ int run(int argc, char** argv) {
   }
   for (const Command& command : commands)
     if (command.app->parsed()) {
-      for (const CLI::Option* option : command.app->get_parent()->get_options())
-        if (option->count() > 0)
-          ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
-                    option->get_name(false, false), command.app->get_name());
       check_ranks(*command.app);
       return command.run();
     }

@@ -13,12 +13,11 @@ namespace ubs::accuracy {
 struct Configuration {
   std::string label;
   std::vector<std::string> settings;  // "key=value", as --set takes them
-  // The form of the method that is the truth: empty: that of the settings. Configurations are compared with
-  // one another (time, front) where the truth is the same.
+  // The form of the method that is the truth; empty: that of the settings.
   std::vector<std::string> truth = {};
 };
 
-// The first one is the default, to which times are ratios.
+// The first one is the default.
 const std::vector<Configuration>& standard_configurations();
 
 // "label:key=value,key=value"; "label" alone has the default settings; "label:key=value|key=value" with what

@@ -74,12 +74,6 @@ std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t
   return all;
 }
 
-double most_relative(std::span<const NamedErrors> errors) {
-  double most = 0;
-  for (const NamedErrors& e : errors) most = std::max(most, e.errors.relative);
-  return most;
-}
-
 const NamedErrors& worst(std::span<const NamedErrors> errors) {
   return *std::ranges::max_element(errors, {}, [](const NamedErrors& e) { return e.errors.typical; });
 }

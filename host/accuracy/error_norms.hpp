@@ -45,6 +45,5 @@ std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t
                                       std::span<const float> values, std::span<const double> truth);
 // The one with the largest typical error; the list must not be empty.
 const NamedErrors& worst(std::span<const NamedErrors> errors);
-double most_relative(std::span<const NamedErrors> errors);  // the largest relative error
 
 }  // namespace ubs::accuracy

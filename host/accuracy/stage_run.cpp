@@ -51,13 +51,6 @@ double true_field(const StageTruth& truth, std::size_t splat, std::size_t field)
 
 }  // namespace
 
-const std::vector<std::string>& timed_operations() {
-  static const std::vector<std::string> all{"forward",         "iteration",       "project_forward",
-                                            "lists",           "raster_forward",  "image_loss",
-                                            "raster_backward", "project_backward"};
-  return all;
-}
-
 StageRun::StageRun(Device& device, const KernelConfig& config, const Problem& problem)
     : device_(device),
       problem_(problem),
@@ -89,21 +82,22 @@ void StageRun::iteration() {
   renderer_.backward(v_params_.view(), false);
 }
 
-void StageRun::run(const std::string& operation) {
-  if (operation == "forward") {
+void StageRun::run(const std::string& stage) {
+  if (stage == "forward") {
     renderer_.forward(model_.view(), 0, settings_, stages_.config().backward);
-  } else if (operation == "iteration") {
+  } else if (stage == "iteration") {
     iteration();
-  } else if (operation == "lists") {
+  } else if (stage == "lists + raster_forward") {
     stages_.repeat<CountLists>();
     stages_.repeat<BuildLists>();
-  } else if (operation == "raster_backward") {
+    stages_.repeat<RasterForward>();
+  } else if (stage == "raster_backward") {
     stages_.repeat<RasterBackward>();
     stages_.repeat<SumSlots>();
-  } else if (const Operation* last = stages_.last(operation)) {
+  } else if (const Operation* last = stages_.last(stage)) {
     stages_.real().run(*last);
   } else {
-    fail(ErrorKind::internal, "there is no operation '{}'", operation);
+    fail(ErrorKind::internal, "there is no stage '{}'", stage);
   }
   device_.finish();
 }
@@ -153,7 +147,7 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
   stages_.repeat<ProjectForward>();
   const std::vector<Record> records = read_records();
   const auto drawn = read(device_, stages_.last<ProjectForward>().tile_counts, records.size());
-  StageErrors out{"project_forward", "project_forward", {}};
+  StageErrors out{"project_forward", {}};
   for (const Fields& fields : kRecordFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
@@ -179,7 +173,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   stages_.repeat<RasterForward>();
   ErrorSum sum;
   sum.add(image(), truth.image, problem_.undecided);
-  return {"lists + raster_forward", "raster_forward", {{"image", sum.errors()}}};
+  return {"lists + raster_forward", {{"image", sum.errors()}}};
 }
 
 StageErrors StageRun::loss_errors(const StageTruth& truth) {
@@ -188,7 +182,7 @@ StageErrors StageRun::loss_errors(const StageTruth& truth) {
   ErrorSum gradient, value;
   gradient.add(read_planes(renderer_.v_image()), truth.v_image);
   value.add(loss(), truth.loss);
-  return {"image_loss", "image_loss", {{"loss", value.errors()}, {"image gradient", gradient.errors()}}};
+  return {"image_loss", {{"loss", value.errors()}, {"image gradient", gradient.errors()}}};
 }
 
 StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
@@ -198,7 +192,7 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   stages_.repeat<SumSlots>();
   const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
                                     static_cast<std::size_t>(model_.count()) * kGradStride);
-  StageErrors out{"raster_backward", "raster_backward", {}};
+  StageErrors out{"raster_backward", {}};
   // A device may take a denormal opacity for 0 and leave the splat out.
   const auto decided = [&](std::size_t i) {
     return std::fpclassify(truth.records[i][kSplatOpacity]) != FP_SUBNORMAL;
@@ -223,8 +217,7 @@ ProjectBackward StageRun::given_to_projection(const StageTruth& truth) {
 
 StageErrors StageRun::project_backward_errors(const StageTruth& truth) {
   stages_.real().project_backward(given_to_projection(truth));
-  return {"project_backward", "project_backward",
-          group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
+  return {"project_backward", group_errors(model_.layout(), model_.count(), gradient(), truth.v_params)};
 }
 
 std::vector<StageErrors> StageRun::stage_errors(const StageTruth& truth) {

@@ -17,13 +17,8 @@ namespace ubs::accuracy {
 
 struct StageErrors {
   std::string stage;
-  std::string operation;  // of timed_operations(): whose time stands beside these errors
   std::vector<NamedErrors> quantities;
 };
-
-// What can be timed: "forward" and "iteration" (forward, loss, backward; no update), then the stages of the
-// iteration.
-const std::vector<std::string>& timed_operations();
 
 class StageRun {
  public:
@@ -31,7 +26,9 @@ class StageRun {
   // must outlive the object.
   StageRun(Device& device, const KernelConfig& config, const Problem& problem);
 
-  void run(const std::string& operation);  // of timed_operations(); returns when the device is idle
+  // "forward", "iteration" (forward, loss, backward; no update), or a stage of stage_errors(). Returns when
+  // the device is idle.
+  void run(const std::string& stage);
 
   std::vector<float> image() const;     // (3, height, width) of the last pass
   std::vector<float> gradient() const;  // layout of the model

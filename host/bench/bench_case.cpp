@@ -92,9 +92,6 @@ std::vector<BenchCase> all_cases(const CaseOptions& options) {
     cases.push_back({"render", "model", options.model.splats, options.model.width, options.model.height});
   else if (options.model.splats > 0)
     add_scene(cases, "model", {options.model});
-  const SceneSize start = sizes({small}).front();
-  for (const char* stage : {"startup_cold", "startup_warm"})
-    cases.push_back({stage, "glossy", start.splats, start.width, start.height});
   return cases;
 }
 

@@ -15,8 +15,6 @@ namespace ubs::bench {
 namespace {
 
 constexpr double kMinRegression = 0.05, kStandardErrors = 3;
-constexpr double kBusyCeiling = 0.9, kBusyRegression = 0.15;
-constexpr double kMovedCores = 2;
 
 std::string ms_text(double ms) {
   if (ms <= 0) return "-";
@@ -24,27 +22,6 @@ std::string ms_text(double ms) {
   return ms >= 100 ? fmt::format("{:.1f}", ms)
          : ms >= 1 ? fmt::format("{:.2f}", ms)
                    : fmt::format("{:.4f}", ms);
-}
-
-std::string rate_text(double amount, double ms) {
-  return amount > 0 && ms > 0 ? fmt::format("{:.1f}", amount / ms * 1e-6) : "-";
-}
-
-Json counts_json(const WorkCounts& c) {
-  return {{"splats", c.splats},
-          {"visible", c.visible},
-          {"intersections", c.intersections},
-          {"contributing_intersections", c.active_pairs},
-          {"mean_list", c.mean_list()},
-          {"longest_list", c.longest_list},
-          {"intersections_in_long_lists", c.long_pairs},
-          {"blocks", c.blocks},
-          {"blended", c.blended},
-          {"blended_per_pixel", c.blended_per_pixel()},
-          {"blended_per_object_pixel", c.blended_per_object_pixel()},
-          {"object_share",
-           static_cast<double>(c.object_pixels) / static_cast<double>(std::max<std::uint64_t>(1, c.pixels))},
-          {"lane_utilisation", c.lane_utilisation()}};
 }
 
 Json result_json(const CaseResult& r) {
@@ -61,13 +38,6 @@ Json result_json(const CaseResult& r) {
   if (r.wall_ms.samples == 0) json["median_ms"] = json["minimum_ms"] = nullptr;
   if (r.cpu_ms > 0) json["cpu_ms_a_core"] = r.cpu_ms;
   if (r.device_ms > 0) json["device_ms"] = r.device_ms;
-  if (r.core_trip_ns > 0) json["core_round_trip_ns"] = r.core_trip_ns;
-  if (r.bound.ms > 0) {
-    json["bytes"] = r.cost.bytes;
-    json["flops"] = r.cost.flops;
-    json["bound"] = {{"ms", r.bound.ms}, {"by", r.bound.by}, {"fraction", r.fraction_of_bound()}};
-  }
-  if (r.counts.splats > 0) json["work"] = counts_json(r.counts);
   if (!r.note.empty()) json["note"] = r.note;
   return json;
 }
@@ -75,37 +45,19 @@ Json result_json(const CaseResult& r) {
 }  // namespace
 
 std::string table_header() {
-  return fmt::format("{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8} {:>8}  {}",
-                     "case", "N", "median ms", "min ms", "iqr %", "cpu ms", "device ms", "GB/s", "GFLOP/s",
-                     "of", "bound", "peak MiB", "cores ns", "");
+  return fmt::format("{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>8}", "case", "N", "median ms", "min ms",
+                     "iqr %", "cpu ms", "device ms", "peak MiB");
 }
 
 std::string table_row(const CaseResult& r) {
   const double median = r.wall_ms.median;
   const double spread = median > 0 ? 100 * r.wall_ms.quartile_spread() / median : 0;
   return fmt::format(
-      "{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>7} {:>7} {:>6} {:<6} {:>8} {:>8}  {}", r.name, r.dim,
-      ms_text(median), ms_text(r.wall_ms.minimum), median > 0 ? fmt::format("{:.1f}", spread) : "-",
-      ms_text(r.cpu_ms), ms_text(r.device_ms), rate_text(r.cost.bytes, median),
-      rate_text(r.cost.flops, median),
-      r.bound.ms > 0 ? fmt::format("{:.1f}%", 100 * r.fraction_of_bound()) : "-",
-      r.bound.ms > 0 ? r.bound.by : "-",
+      "{:<42} {:>2} {:>9} {:>9} {:>6} {:>9} {:>9} {:>8}  {}", r.name, r.dim, ms_text(median),
+      ms_text(r.wall_ms.minimum), median > 0 ? fmt::format("{:.1f}", spread) : "-", ms_text(r.cpu_ms),
+      ms_text(r.device_ms),
       r.peak_bytes > 0 ? fmt::format("{:.1f}", static_cast<double>(r.peak_bytes) / kMiB) : "-",
-      r.core_trip_ns > 0 ? fmt::format("{:.0f}", r.core_trip_ns) : "-",
       r.form == "default" ? r.note : fmt::format("{}{}{}", r.note, r.note.empty() ? "" : ", ", r.form));
-}
-
-std::string ceilings_text(const CeilingRates& c) {
-  std::string text = fmt::format(
-      "ceilings: {:.1f} GFLOP/s FMA, {:.1f} G lane-instructions/s; GB/s: memory {:.1f} read, {:.1f} write, "
-      "{:.1f} "
-      "update; l2 ({:.1f} MiB) {:.1f} read",
-      c.fma, issue_rate(c), c.read, c.write, c.update, static_cast<double>(c.private_cache_bytes) / kMiB,
-      c.private_cache);
-  if (c.shared_cache > 0)
-    text += fmt::format("; cache ({:.0f} MiB) {:.1f} update",
-                        static_cast<double>(c.shared_cache_bytes) / kMiB, c.shared_cache);
-  return text;
 }
 
 std::string device_comparison(std::span<const DeviceReport> reports) {
@@ -129,7 +81,6 @@ std::string device_comparison(std::span<const DeviceReport> reports) {
 }
 
 Json to_json(const DeviceReport& report) {
-  const CeilingRates& c = report.ceilings;
   Json cases = Json::array();
   for (const CaseResult& result : report.results) cases.push_back(result_json(result));
   return {{"name", report.info.name},
@@ -142,32 +93,19 @@ Json to_json(const DeviceReport& report) {
           {"compute_units", report.info.compute_units},
           {"float_vector_width", report.info.float_vector_width},
           {"raster", report.raster},
-          {"ceilings",
-           {{"fma_gflops", c.fma},
-            {"read_gbs", c.read},
-            {"write_gbs", c.write},
-            {"update_gbs", c.update},
-            {"l2_gbs", c.private_cache},
-            {"l2_bytes", c.private_cache_bytes},
-            {"cache_gbs", c.shared_cache},
-            {"cache_bytes", c.shared_cache_bytes},
-            {"issue_glanes", issue_rate(c)}}},
           {"cases", std::move(cases)}};
 }
 
 std::vector<BaselineEntry> read_baseline(const Json& json, const std::string& origin) {
   std::vector<BaselineEntry> entries;
   try {
-    for (const Json& device : json.at("devices")) {
-      const double fma = device.at("ceilings").at("fma_gflops");
+    for (const Json& device : json.at("devices"))
       for (const Json& result : device.at("cases")) {
         if (result.at("median_ms").is_null()) continue;
         entries.push_back({device.at("name"), device.at("driver"), device.at("raster"), result.at("name"),
                            result.value("form", "default"), result.at("dim"), result.at("median_ms"),
-                           result.at("minimum_ms"), result.at("uncertainty"),
-                           result.value("cpu_ms_a_core", 0.0), result.value("core_round_trip_ns", 0.0), fma});
+                           result.at("minimum_ms"), result.at("uncertainty")});
       }
-    }
   } catch (const nlohmann::json::exception&) {
     fail(ErrorKind::data, "{}: not a file written by 'ubs bench --json'", origin);
   }
@@ -179,20 +117,10 @@ namespace {
 Comparison compare_one(const DeviceReport& report, const CaseResult& now, const BaselineEntry& old) {
   Comparison c{now.name, report.info.name, old.median_ms, now.wall_ms.median};
   c.same_driver = old.driver == report.info.driver;
-  c.busy = now.cpu_ms > 0 && old.cpu_ms > 0 && report.ceilings.fma < kBusyCeiling * old.fma_gflops;
-  if (c.busy) {
-    c.old_ms = old.cpu_ms;
-    c.new_ms = now.cpu_ms;
-    c.tolerance = kBusyRegression;
-  } else {
-    c.tolerance =
-        std::max(kMinRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
-  }
+  c.tolerance =
+      std::max(kMinRegression, kStandardErrors * std::hypot(old.uncertainty, now.wall_ms.uncertainty()));
   c.ratio = c.new_ms / c.old_ms;
-  const auto [near, far] = std::minmax(old.core_trip_ns, now.core_trip_ns);
-  c.moved = near > 0 && far > kMovedCores * near;
-  c.regression = !c.moved && c.ratio > 1 + c.tolerance &&
-                 (c.busy || now.wall_ms.minimum > (1 + kMinRegression) * old.minimum_ms);
+  c.regression = c.ratio > 1 + c.tolerance && now.wall_ms.minimum > (1 + kMinRegression) * old.minimum_ms;
   return c;
 }
 
@@ -219,14 +147,12 @@ std::string comparison_text(std::span<const Comparison> comparisons) {
   double logs = 0;
   for (const Comparison& c : comparisons) {
     logs += std::log(c.ratio);
-    text +=
-        fmt::format("{:<42} {:>10} {:>10} {:>7.3f} {:>7.1f}% {}{}{}\n", c.name, ms_text(c.old_ms),
-                    ms_text(c.new_ms), c.ratio, 100 * c.tolerance,
-                    c.regression                ? "SLOWER"
-                    : c.moved                   ? "(not judged: cores at another distance)"
-                    : c.ratio < 1 - c.tolerance ? "faster"
-                                                : "",
-                    c.busy ? " (busy machine: processor time)" : "", c.same_driver ? "" : " (other driver)");
+    text += fmt::format("{:<42} {:>10} {:>10} {:>7.3f} {:>7.1f}% {}{}\n", c.name, ms_text(c.old_ms),
+                        ms_text(c.new_ms), c.ratio, 100 * c.tolerance,
+                        c.regression                ? "SLOWER"
+                        : c.ratio < 1 - c.tolerance ? "faster"
+                                                    : "",
+                        c.same_driver ? "" : " (other driver)");
   }
   text += fmt::format("{:<42} {:>10} {:>10} {:>7.3f}\n", "geometric mean", "", "",
                       std::exp(logs / static_cast<double>(comparisons.size())));

@@ -13,7 +13,6 @@ namespace ubs::bench {
 
 std::string table_header();
 std::string table_row(const CaseResult& result);
-std::string ceilings_text(const CeilingRates& ceilings);
 // One row a case, one column of medians a device, ratios to the first; "" for a single device.
 std::string device_comparison(std::span<const DeviceReport> reports);
 
@@ -23,8 +22,7 @@ nlohmann::ordered_json to_json(const DeviceReport& report);
 struct BaselineEntry {
   std::string device, driver, raster, name, form;
   int dim = 0;
-  double median_ms = 0, minimum_ms = 0, uncertainty = 0, cpu_ms = 0, core_trip_ns = 0;
-  double fma_gflops = 0;  // ceiling of the run
+  double median_ms = 0, minimum_ms = 0, uncertainty = 0;
 };
 // The "devices" of a file written by `ubs bench --json`. Throws Error(data) naming `origin`.
 std::vector<BaselineEntry> read_baseline(const nlohmann::ordered_json& json, const std::string& origin);
@@ -35,16 +33,12 @@ struct Comparison {
   double ratio = 0;      // of medians, new / old
   double tolerance = 0;  // a ratio above 1 + this is beyond the noise
   bool same_driver = true;
-  bool busy = false;   // judged by processor time, see compare()
-  bool moved = false;  // not judged, see compare()
   bool regression = false;
 };
 
 // Matches device, rasteriser, dimensions, form and name. A regression is slower in the median AND in the
 // minimum by more than max(5 %, three standard errors of the two medians): a busy machine raises medians,
-// seldom minima. Where the multiply-add ceiling of this run is more than 10 % below the baseline's, others
-// used the machine: CPU devices are then judged by processor time, which this stretches little, against 15 %.
-// Where cores were twice as far apart in one of the two, the machine was another one: nothing is judged.
+// seldom minima.
 std::vector<Comparison> compare(std::span<const DeviceReport> reports,
                                 std::span<const BaselineEntry> baseline);
 std::string comparison_text(std::span<const Comparison> comparisons);

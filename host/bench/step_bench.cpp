@@ -77,9 +77,6 @@ void StepBench::step() {
                 .moment1 = moment1_.view(),
                 .moment2 = moment2_.view(),
                 .learning_rates = learning_rates_.view()});
-  counts_ = count_work(device_, model_.layout(), model_.count(), totals_.visible, totals_.intersections,
-                       stages_.last<RasterForward>(), config_.alpha_min);
-  counts_.lists = config_.raster;
 }
 
 void StepBench::save_model() {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/blend_count.hpp"
 #include "host/bench/capture_stages.hpp"
 #include "host/bench/operation.hpp"
 #include "host/pipeline/device_model.hpp"
@@ -29,7 +28,7 @@ class StepBench {
   // Of the step: the image, then the gradient of each parameter row that is learnt.
   std::vector<std::vector<float>> outputs() const;
 
-  const WorkCounts& counts() const { return counts_; }
+  const ListTotals& totals() const { return totals_; }      // of the step's view
   std::uint64_t peak_bytes() const { return peak_bytes_; }  // of the step
 
  private:
@@ -49,7 +48,6 @@ class StepBench {
   Buffer<float> v_params_, moment1_, moment2_, learning_rates_, sums_;
   Buffer<std::uint8_t> target_;
   Buffer<float> saved_, dead_opacities_;
-  WorkCounts counts_;
   ListTotals totals_;
   std::uint64_t peak_bytes_ = 0;
 };

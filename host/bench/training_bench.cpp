@@ -19,14 +19,11 @@ double all_device_ms(const Device& device) {
   return total;
 }
 
-}  // namespace
-
 TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& options) {
   TrainSettings s;
   s.dim = scene.model.dim;
   s.variant = scene.model.variant;
   s.iterations = 30000;
-  s.batch = options.batch;
   s.init_points = s.cap_max = static_cast<int>(scene.model.count);
   s.refine.first = 0;
   s.raster = options.raster == RasterKind::cpu ? "cpu" : "gpu";
@@ -43,6 +40,8 @@ TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& o
   return s;
 }
 
+}  // namespace
+
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options) {
   device.reset_peak();
@@ -54,7 +53,7 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
     trainer.run([&](const StepReport& report) { return !report.loss || ++samples < count; });
   };
   // Until every view has had its turn: the first use of an image uploads it.
-  const int epoch = static_cast<int>(scene.views.views.size()) / (options.batch * kSampleIterations) + 1;
+  const int epoch = static_cast<int>(scene.views.views.size()) / kSampleIterations + 1;
   skip(std::max(kWarmUpSamples, epoch));
   Sampler sampler(options.limits);
   const double processor = cpu_ms();

@@ -15,7 +15,6 @@ struct IterationMeasurement {
 
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
-  int batch = 1;
   bool guard = true;  // as in training: Adam watches for values that are not finite
   ListCounts list_counts{};
   SamplingLimits limits;
@@ -25,7 +24,6 @@ struct IterationOptions {
 // Learning rates are (almost) zero, so that the scene stays what it is; everything else is as in training:
 // upload of rates, regularisation, refinement every 100 iterations, the loss read back after every fifth
 // iteration, which ends a sample. A median does not see the refinements, which cost about 1 % on average.
-TrainSettings frozen_training(const BenchScene& scene, const IterationOptions& options);
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
 

@@ -45,7 +45,6 @@ std::string describe(const DeviceInfo& info);
 // Place in the list of the first device that is the same card; its own place where there is none before it.
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index);
 
-class CeilingKernels;
 class MetricOps;
 class Stages;
 class TunableDevice;
@@ -140,7 +139,6 @@ class Device {
   // host/device/operations.hpp, which check what is asked for.
   virtual std::unique_ptr<Stages> make_stages(const KernelConfig& config) = 0;
   virtual std::unique_ptr<MetricOps> make_metric_ops() = 0;
-  virtual std::unique_ptr<CeilingKernels> make_ceiling_kernels() = 0;
   // Null where nothing can be tuned.
   virtual TunableDevice* tunable() { return nullptr; }
 

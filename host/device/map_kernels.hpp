@@ -134,9 +134,4 @@ inline constexpr Declared<SsimRowsKernel> kSsimRows{"ssim_rows"};
 using SsimColumnsKernel = void(float* sums, int width, int height, int pitch, int results);
 inline constexpr Declared<SsimColumnsKernel> kSsimColumns{"ssim_columns"};
 
-using CeilingFmaKernel = void(float* out, u32 rounds, float factor);
-using CeilingReadKernel = void(const float* in, float* out, u32 spacing, u32 step, u32 count, u32 rounds);
-using CeilingWriteKernel = void(float* out, u32 spacing, u32 step, u32 count, float value);
-using CeilingUpdateKernel = void(float* inout, u32 spacing, u32 step, u32 count, float value, u32 rounds);
-
 }  // namespace ubs

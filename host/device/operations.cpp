@@ -14,10 +14,6 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) 
 
 std::unique_ptr<MetricOps> make_metric_ops(Device& device) { return device.make_metric_ops(); }
 
-CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits) {
-  return measure_ceilings(device, *device.make_ceiling_kernels(), limits);
-}
-
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
   if (choice == "cpu" && info.backend == "cuda")
     fail(ErrorKind::usage, "raster = cpu: {} has the kernels of GPUs only; use auto or gpu", info.name);

@@ -5,7 +5,6 @@
 #include <memory>
 #include <string>
 
-#include "host/device/ceilings.hpp"
 #include "host/device/metric_ops.hpp"
 #include "host/device/stages.hpp"
 
@@ -15,8 +14,6 @@ namespace ubs {
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 // Image metrics beyond PSNR and SSIM.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
-// What the device can do at most.
-CeilingRates measure_ceilings(Device& device, const CeilingLimits& limits);
 
 // "cpu", "gpu", or "auto": what suits the device, pixel blocks with explicit vectors on CPUs, else one
 // work-item a pixel. CUDA has the latter; throws Error(usage) for the other.

@@ -26,10 +26,6 @@ inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_r
     kLearn{"project_backward_adam"};
 inline constexpr Declared<FitListsKernel> kFitLists{"fit_lists"};
 inline constexpr Declared<GatherAreasKernel> kGatherAreas{"gather_areas"};
-inline constexpr Declared<CeilingFmaKernel> kCeilingFma{"ceiling_fma"};
-inline constexpr Declared<CeilingReadKernel> kCeilingRead{"ceiling_read"};
-inline constexpr Declared<CeilingWriteKernel> kCeilingWrite{"ceiling_write"};
-inline constexpr Declared<CeilingUpdateKernel> kCeilingUpdate{"ceiling_update"};
 
 // ---- Rasterisers ----
 inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,

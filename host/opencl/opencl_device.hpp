@@ -54,7 +54,6 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::vector<ProgramUse> programs() const override;
   std::unique_ptr<Stages> make_stages(const KernelConfig& config) override;
   std::unique_ptr<MetricOps> make_metric_ops() override;
-  std::unique_ptr<CeilingKernels> make_ceiling_kernels() override;
   TunableDevice* tunable() override { return this; }
 
   // With the tuned constants of its sources as options.

@@ -240,27 +240,6 @@ Html svg_chart(const ChartOptions& options, std::span<const ChartSeries> series)
              content);
 }
 
-std::string svg_sheet(std::span<const Html> charts, int columns, int width, int height) {
-  const int count = static_cast<int>(charts.size()), across = std::min(columns, count);
-  const int down = (count + columns - 1) / columns;
-  Html content = tag("style", raw(report_style().text));
-  for (int i = 0; i < count; ++i)
-    content += tag("svg",
-                   {{"x", std::to_string(i % columns * width)},
-                    {"y", std::to_string(i / columns * height)},
-                    {"width", std::to_string(width)},
-                    {"height", std::to_string(height)}},
-                   charts[static_cast<std::size_t>(i)]);
-  return tag("svg",
-             {{"xmlns", "http://www.w3.org/2000/svg"},
-              {"width", std::to_string(across * width)},
-              {"height", std::to_string(down * height)},
-              {"style", "background: var(--page); font-family: system-ui, sans-serif"}},
-             content)
-             .markup +
-         "\n";
-}
-
 std::vector<double> axis_ticks(double low, double high, bool logarithmic) {
   std::vector<double> ticks;
   const double slack = 1e-9;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Line charts as SVG, inline in pages or as a file: axes with labelled grid lines, lines, steps and markers.
+// Line charts as SVG, inline in pages: axes with labelled grid lines, lines, steps and markers.
 // Colours are classes of the page's style (c0 ... c6 by `colour`), so that they follow its light and dark
 // form. Without JavaScript; what a marker stands for is told by its title.
 #pragma once
@@ -35,9 +35,6 @@ struct ChartOptions {
 // more points than pixels keep the lowest and the highest of each pixel. A chart without any point says so.
 // Throws Error(internal) when x and y differ in length (steps: x has one more).
 Html svg_chart(const ChartOptions& options, std::span<const ChartSeries> series);
-
-// Charts of one size, row by row, as the text of a file.
-std::string svg_sheet(std::span<const Html> charts, int columns, int width, int height);
 
 // Positions of labelled grid lines for a range: 1, 2 or 5 times a power of ten, on logarithmic axes powers of
 // ten (not all of them beyond nine decades), with 2 and 5 times them where fewer than three powers lie in the

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy and ubs accuracy curve as processes: files, fronts, comparison with a baseline and its exit
-// code, refusals.
+// ubs accuracy as a process: files, how a model is drawn, refusals.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -16,7 +15,6 @@ namespace ubs {
 namespace {
 
 using Catch::Contains;
-using Catch::StartsWith;
 using nlohmann::json;
 using test::get;
 using test::put;
@@ -24,62 +22,40 @@ using test::Result;
 using test::run_ubs;
 using test::TempFolder;
 
-void scale_errors(json& at, double factor) {
-  for (json& child : at) {
-    if (child.is_object() && child.contains("typical"))
-      child["typical"] = factor * child["typical"].get<double>();
-    else if (child.is_structured())
-      scale_errors(child, factor);
-  }
-}
-
-TEST_CASE("accuracy: files, front, baseline") {
+TEST_CASE("accuracy: the table is printed and written") {
   const TempFolder folder;
-  const std::string run =
-      "accuracy --quick --config fast:math=rough --config never:rot_mode=quaternion --out ";
-  const Result first = run_ubs(folder, run + "a");
-  INFO(first.err);
-  REQUIRE(first.code == 0);
-  CHECK_THAT(first.out, Contains("| 1 | default |") && Contains("| 2 | fast |"));
-  json file = json::parse(get(folder / "a/accuracy.json"));
-  CHECK_THAT(file.at("truth").get<std::string>(), Contains("float64"));
-  const json& results = file.at("results");
+  const Result run =
+      run_ubs(folder, "accuracy --quick --config fast:math=rough --config never:rot_mode=quaternion --out a");
+  INFO(run.err);
+  REQUIRE(run.code == 0);
+  CHECK_THAT(run.out, Contains("\ndefault ") && Contains("\nfast ") && Contains("\nnever "));
+  const json results = json::parse(get(folder / "a/accuracy.json")).at("results");
   REQUIRE(results.size() == 3);
-  CHECK(results[0].at("image").at("relative") < 1e-5);
-  CHECK(results[1].at("image").at("relative") > 1e-5);
-  CHECK(results[0].at("image_front"));
-  CHECK(results[0].at("stages").contains("lists + raster_forward"));
+  const auto image_error = [&](std::size_t row) {
+    return results[row].at("stages").at("forward").at("errors").at("image").at("relative").get<double>();
+  };
+  CHECK(image_error(0) < 1e-5);
+  CHECK(image_error(1) > 1e-5);
+  for (const char* stage : {"forward", "iteration", "project_forward", "lists + raster_forward", "image_loss",
+                            "raster_backward", "project_backward"})
+    CHECK(results[0].at("stages").at(stage).at("median_ms") > 0);
   CHECK_THAT(results[2].at("note").get<std::string>(), Contains("rot_mode = quaternion"));
-  CHECK_THAT(get(folder / "a/accuracy.svg"), StartsWith("<svg") && Contains("not on the front"));
-  CHECK_THAT(get(folder / "a/accuracy.md"),
-             Contains("![error against time](accuracy.svg)") && Contains("* truth: float64"));
-
-  const Result same = run_ubs(folder, run + "b --baseline a/accuracy.json");
-  CHECK(same.code == 0);
-  CHECK_THAT(same.out, Contains("0 of "));
-  CHECK(get(folder / "b/accuracy.csv").size() > 1000);
-  scale_errors(file, 0.01);
-  put(folder / "better.json", file.dump());
-  const Result worse = run_ubs(folder, run + "c --quiet --baseline better.json");
-  CHECK(worse.code == 8);
-  CHECK_THAT(worse.out, Contains("WORSE"));
+  CHECK_THAT(get(folder / "a/accuracy.csv"), Contains("\nfast,same,6,glossy,"));
 }
 
-TEST_CASE("accuracy: a model is drawn as it wants to be; --json is JSON beside --baseline too") {
+TEST_CASE("accuracy: a model is drawn as it wants to be") {
   const TempFolder folder;
   test::put_scene(folder / "data", 32, 2, 1);
   write_splat_ply(folder / "m.ply", bench::random_start(6, 200, 32, 32).model,
                   comments_of({.drawing = {{"eps2d", "50"}}, .cameras = {}}));
   const auto error = [&](const std::string& options) {
-    const Result run = test::ubs_ok(folder,
-                                    "accuracy m.ply data --no-stages --rounds 1 --sample-ms 0.1 --config "
-                                    "default --json --out " +
-                                        options);
-    return json::parse(run.out).at("results")[0].at("image").at("relative").get<double>();
+    test::ubs_ok(folder, "accuracy m.ply data --quick --config default --out a " + options);
+    const json result = json::parse(get(folder / "a/accuracy.json")).at("results")[0];
+    return result.at("stages").at("forward").at("errors").at("image").at("relative").get<double>();
   };
-  const double noted = error("a");
-  CHECK(noted == error("b --eps2d 50 --baseline a/accuracy.json"));
-  CHECK(noted != error("b --eps2d 0.3"));
+  const double noted = error("");
+  CHECK(noted == error("--eps2d 50"));
+  CHECK(noted != error("--eps2d 0.3"));
 }
 
 TEST_CASE("accuracy: what is refused") {
@@ -93,68 +69,20 @@ TEST_CASE("accuracy: what is refused") {
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 3);  // no such file
   put(folder / "m.ply", "a model");
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // of which data?
-  CHECK(run_ubs(folder, "accuracy --quick --out a --baseline none.json").code == 3);
   const Result none = run_ubs(
       folder, "accuracy --quick --out a --config default:rot_mode=quaternion --config x:rot_mode=quaternion");
   CHECK(none.code == 0);  // the default runs beside them
 }
 
-// It took its own numbers all the same; a baseline without anything of the run passed, and devices of one
-// name were mixed.
-TEST_CASE("accuracy, curve: --quick leaves what is chosen") {
+// It took its own numbers all the same, and devices of one name were mixed.
+TEST_CASE("accuracy: --quick leaves what is chosen") {
   const TempFolder folder;
-  put(folder / "other.json", R"({"results": [], "curves": []})");
-  const auto check_uncompared = [&](const std::string& arguments) {
-    const Result run = run_ubs(folder, arguments + " --baseline other.json");
-    CHECK(run.code == 3);
-    CHECK_THAT(run.err, Contains("nothing was compared"));
-  };
-  check_uncompared(
-      "accuracy --quick --no-stages --quiet --config fast:math=native --splats 90 --size 33 "
-      "--iterations 2 --rounds 1 --sample-ms 0.1 --device cpu,cpu --out a");
-  CHECK_THAT(get(folder / "a/accuracy.json"), Contains(" [0]\"") && Contains(" [1]\""));
-  CHECK_THAT(get(folder / "a/accuracy.md"),
-             Contains(" 90 splats, N = 6, view 0 of 33x33") && Contains("medians of 1 rounds"));
-  check_uncompared("accuracy curve --quick --quiet --config a:dim=3 --iterations 4 --cap-max 70 --out c");
-  const json points = json::parse(get(folder / "c/curve.json")).at("curves")[0].at("points");
-  REQUIRE(points.size() == 4);
-  CHECK(points[3].at("iteration") == 4);
-  CHECK(points[3].at("splats") == 70);
-}
-
-TEST_CASE("curve: files and baseline") {
-  const TempFolder folder;
-  const std::string run = "accuracy curve --quick --config a:dim=3 --config b:dim=6,math=native --out ";
-  const Result first = run_ubs(folder, run + "a");
-  INFO(first.err);
-  REQUIRE(first.code == 0);
-  json file = json::parse(get(folder / "a/curve.json"));
-  REQUIRE(file.at("curves").size() == 2);
-  CHECK(file["curves"][1]["configuration"] == "b");
-  const json points = file["curves"][0]["points"];
-  REQUIRE(points.size() == 20);  // 60 iterations, evaluated every third
-  CHECK(points[0]["iteration"] == 3);
-  CHECK(points[19]["psnr"] > points[0]["psnr"]);
-  CHECK_THAT(get(folder / "a/curve.svg"), StartsWith("<svg") && Contains("Test SSIM"));
-  const std::string csv = get(folder / "a/curve.csv");
-  CHECK(std::count(csv.begin(), csv.end(), '\n') == 41);
-
-  // Quality is a function of settings, data and device: the same again, also with the trainings one by one.
-  const Result same = run_ubs(folder, run + "b --sequential --baseline a/curve.json");
-  CHECK(same.code == 0);
-  CHECK_THAT(same.out, Contains("+0.000"));
-  file["curves"][1]["points"][19]["psnr"] = 99;
-  put(folder / "better.json", file.dump());
-  CHECK(run_ubs(folder, run + "c --baseline better.json").code == 8);
-  CHECK(run_ubs(folder, "accuracy curve --quick --config a:dim=3 --config a:dim=6 --out d").code == 2);
-  CHECK(run_ubs(folder,
-                "accuracy curve --quick --config a:dim=3,kernel=gaussian,rot_mode=quaternion,freeze=nothing "
-                "--out d")
-            .code == 2);
-  // Were read as the first one has it.
-  check_error(folder, "accuracy curve --quick --config a:dim=3 --config b:downscale=2 --out d", 2,
-              "'b' has downscale = 2, 'a' has 1");
-  check_error(folder, "accuracy curve --quick --config a:dim=auto --out d", 2, "'a' leaves N to the data");
+  test::ubs_ok(
+      folder,
+      "accuracy --quick --config fast:math=native --splats 90 --size 33 --iterations 2 --rounds 1 --dim 3 "
+      "--device cpu,cpu --out a");
+  CHECK_THAT(get(folder / "a/accuracy.json"),
+             Contains(" [0]\"") && Contains(" [1]\"") && Contains("\"dim\": 3"));
 }
 
 }  // namespace

@@ -1,24 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs accuracy` and `ubs curve` that need no device: norms, fronts, configurations, CSV, JSON,
-// baselines.
+// The parts of `ubs accuracy` that need no device: norms, configurations, the table.
 #include <catch2/catch.hpp>
 #include <limits>
 
-#include "host/accuracy/accuracy_report.hpp"
-#include "host/accuracy/baseline.hpp"
-#include "host/accuracy/curve.hpp"
-#include "host/accuracy/front.hpp"
-#include "host/base/error.hpp"
+#include "host/accuracy/table.hpp"
 #include "host/base/json.hpp"
-#include "tests/support/temp_folder.hpp"
 
 namespace ubs::accuracy {
 namespace {
 
 using Catch::Contains;
-using test::get;
-using test::put;
-using test::TempFolder;
 
 TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely wrong") {
   ErrorSum sum;
@@ -47,25 +38,8 @@ TEST_CASE("errors: the typical one leaves out the hundredth of splats that diffe
   CHECK(groups[0].errors.relative == Approx(std::sqrt(8.0001 / 600)));
   CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
   CHECK(groups[0].errors.absolute == 2);
-  CHECK(most_relative(groups) == groups[0].errors.relative);
   values[7] = std::numeric_limits<float>::quiet_NaN();  // of one splat, but no matter of order
   CHECK(std::isinf(group_errors(layout, count, values, truth)[0].errors.typical));
-}
-
-TEST_CASE("front: dominated points are off it, equal ones within the tolerance are on it") {
-  const std::vector<Point> points{
-      {1.0, 0.001, 1e-6},     // the default
-      {0.8, 0.001, 1e-3},     // faster and worse
-      {0.9, 0.001, 2e-3},     // slower and worse than the second
-      {1.5, 0.001, 0.95e-6},  // slower, better by less than the tolerance
-      {0.99, 0.001, 1.05e-6}  // the default but for noise
-  };
-  CHECK(pareto_front(points) == std::vector<bool>{true, true, false, false, true});
-  // 5 % faster is no gain where times are known to 4 %.
-  CHECK(pareto_front(std::vector<Point>{{1, 0.04, 1e-6}, {0.95, 0.04, 1e-6}}) ==
-        std::vector<bool>{true, true});
-  CHECK(pareto_front(std::vector<Point>{{1, 0.001, 1e-6}, {0.95, 0.001, 1e-6}}) ==
-        std::vector<bool>{false, true});
 }
 
 TEST_CASE("configurations: text, and the standard table") {
@@ -84,86 +58,32 @@ TEST_CASE("configurations: text, and the standard table") {
   for (const Configuration& s : standard) CHECK_NOTHROW(validate(apply({}, s)));
 }
 
-Result made_up(const std::string& configuration, double image, double gradient, double time) {
-  Result r{
-      .device = "A \"fast\" CPU, 2 cores", .scene = "s", .configuration = configuration, .truth = "same"};
-  r.image = {"end to end", "forward", {{"image", {image, image, image}}}};
-  r.gradient = {"end to end",
-                "iteration",
-                {{"xyz", {gradient, 1, gradient}}, {"rgb", {gradient / 2, 1, gradient / 2}}}};
-  r.loss_gradient = {
-      "end to end, own signs of L1", "iteration", {{"xyz", {10 * gradient, 1, 10 * gradient}}}};
-  for (const std::string& operation : timed_operations())
-    r.times.push_back({operation, 10 * time, time, 0.001});
-  return r;
-}
-
-TEST_CASE("accuracy: CSV, and the comparison with a later run") {
-  const TempFolder folder;
-  std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.7)};
-  mark_fronts(results);
-  CHECK((results[0].image_front && results[1].gradient_front));
-  CHECK_THAT(accuracy_csv(results), Contains("\n\"A \"\"fast\"\" CPU, 2 cores\",s,cheap,same,"));
-  put(folder / "a.json", json_text({{"results", accuracy_json(results)}}));
-  const auto baseline = read_accuracy_baseline(folder / "a.json");
-  REQUIRE(baseline.size() == 8);
-  CHECK(baseline[0].device == results[0].device);
-  for (const BaselineComparison& c : compare_with_baseline(results, baseline)) CHECK(!c.regression);
-  results[1].gradient.quantities[1].errors.typical *= 2.5;
-  results[0].image.quantities[0].errors.typical = 1e-7;  // better
-  const auto comparisons = compare_with_baseline(results, baseline);
-  CHECK(std::ranges::count_if(comparisons, &BaselineComparison::regression) == 1);
-  CHECK_THAT(baseline_text(comparisons), Contains("s, cheap, end to end, rgb") && Contains("WORSE"));
-  results[0].image.quantities[0].errors.typical = std::numeric_limits<double>::infinity();
-  CHECK(compare_with_baseline(results, baseline)[0].regression);
-  put(folder / "bad.json", R"({"results": [{"device": "x"}]})");
-  CHECK_THROWS_WITH(read_accuracy_baseline(folder / "bad.json"), Contains("bad.json: is no accuracy.json"));
-}
-
-TEST_CASE("accuracy: means over scenes and the page") {
-  std::vector<Result> results{made_up("default", 1e-6, 2e-6, 1), made_up("cheap", 1e-3, 2e-3, 0.5)};
-  std::vector<Result> other{made_up("default", 4e-6, 8e-6, 1), made_up("cheap", 4e-3, 2e-3, 0.8)};
-  for (Result& r : other) {
-    r.scene += '2';
-    results.push_back(r);
-  }
-  add_means(results);
-  REQUIRE(results.size() == 6);
-  CHECK(results[4].scene == "all");
-  CHECK(results[4].image_error() == Approx(2e-6));
-  CHECK(results[5].time("forward").ratio == Approx(std::sqrt(0.4)));
-  CHECK(results[5].gradient_front);
-  const std::string page = accuracy_page(results, {{"* date: today"}, "p.png"});
-  CHECK_THAT(page,
-             Contains("Geometric means") && Contains("| 2 | cheap | same | 2.00e-03") && Contains("p.png"));
-}
-
-TEST_CASE("curves: the comparison with a later run") {
-  const TempFolder folder;
-  Curve a{.device = "D",
-          .configuration = "a",
-          .settings = "dim=3",
-          .note = "",
-          .points = {{10, 1, 5, 20, 20, 0.5}, {20, 2, 5, 22, 22, 0.6}}};
-  Curve b = a;
-  b.configuration = "b, c";
-  b.points[1] = {20, 3, 5, 23, 23, 0.7};
-  std::vector<Curve> curves{a, b};
-  put(folder / "c.json", json_text({{"curves", curves_json(curves)}}));
-  const std::vector<Curve> old = read_curves(folder / "c.json");
-  REQUIRE(old.size() == 2);
-  CHECK(old[1].configuration == "b, c");
-  auto same = compare_curves(curves, old);
-  REQUIRE(same.size() == 2);
-  CHECK(same[1].old_time_ratio == Approx(1.5));
-  CHECK(!same[1].regression);
-  curves[1].points[1].psnr = 22.3;
-  CHECK(compare_curves(curves, old)[1].regression);
-  curves[1].points.pop_back();  // compares where both have an evaluation
-  CHECK(compare_curves(curves, old)[1].psnr == 20);
-  CHECK_THAT(curve_table(curves), Contains("| a | dim=3 | 20 | 2.0 | 5 | 22.000 |"));
-  CHECK_THAT(curve_plot(curves), Contains("b, c: 20 at 10"));
-  CHECK_THAT(curve_csv(curves), Contains("\nD,\"b, c\",dim=3,10,"));
+TEST_CASE("table: text, CSV, JSON") {
+  const Errors image{1e-6, 5e-6, 1e-6}, xyz{2e-3, 1, 2e-6}, rgb{1e-3, 1, 1e-6};
+  const std::vector<Result> results{
+      {.form = "fast",
+       .truth = "exp",
+       .dim = 6,
+       .scene = "s",
+       .device = "A \"fast\" CPU, 2 cores",
+       .note = "",
+       .stages = {{{"forward", {{"image", image}}}, 0.5}, {{"iteration", {{"rgb", rgb}, {"xyz", xyz}}}, 2}}},
+      {.form = "never",
+       .truth = "same",
+       .dim = 6,
+       .scene = "s",
+       .device = "D",
+       .note = "not here",
+       .stages = {}}};
+  CHECK_THAT(table_row(results[0]), Contains("fast (against exp)") && Contains("1.0e-06    0.500") &&
+                                        Contains("2.0e-06    2.000") && Contains(" - "));
+  CHECK_THAT(table_row(results[1]), Contains("never") && Contains("not here"));
+  CHECK_THAT(table_csv(results),
+             Contains("\nfast,exp,6,s,\"A \"\"fast\"\" CPU, 2 cores\",iteration,xyz,0.002,2e-06,1,2\n"));
+  const Json json = table_json(results);
+  CHECK(json.at(0).at("stages").at("iteration").at("errors").at("xyz").at("typical") == 2e-6);
+  CHECK(json.at(0).at("stages").at("forward").at("median_ms") == 0.5);
+  CHECK(json.at(1).at("note") == "not here");
 }
 
 }  // namespace

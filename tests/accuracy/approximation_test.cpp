@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every mode of powers (host/device/math_mode.hpp) on every device against the float64 oracle: it does
-// something, no more than it should, and the stages one by one say where. Trainings of a curve that end
-// early.
+// something, no more than it should, and the stages one by one say where.
 #include <catch2/catch.hpp>
 
-#include "host/accuracy/curve.hpp"
 #include "host/accuracy/stage_run.hpp"
-#include "host/base/error.hpp"
-#include "host/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/oracle/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -99,36 +95,6 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
 
 TEST_CASE("without approximations the kernels have no option of them", "[accuracy]") {
   CHECK(arithmetic_options(MathMode::exact).empty());
-}
-
-// One of them ended all.
-TEST_CASE("curves: what ends a training is its note, and the others go on", "[accuracy]") {
-  const bench::BenchScene scene = bench::random_start(3, 50, 32, 32);
-  const CurveData data{scene.views, scene.views};
-  CurveOptions options;
-  options.configurations = {{"breaks", {}}, {"too large", {"cap_max=60"}}, {"good", {}}};
-  options.base.dim = 3;
-  options.base.iterations = 4;
-  options.base.eval_every = "2";
-  options.base.cap_max = options.base.init_points = 50;
-  options.data = [&](const TrainSettings&) -> const CurveData& { return data; };
-  options.initial_model = [&](const CurveData&, const TrainSettings& s) {
-    if (s.cap_max == 60) fail(ErrorKind::memory, "no memory");
-    return scene.model;
-  };
-  int points = 0;
-  options.on_point = [&](const std::vector<Curve>&, const Curve&) { ++points; };
-  options.stop = [&] {  // asked by the first one when both have a point
-    if (points == 2) fail(ErrorKind::numerical, "not finite");
-    return false;
-  };
-  const std::vector<Curve> curves = measure_curves({devices_under_test().front()}, options);
-  REQUIRE(curves.size() == 3);
-  CHECK(curves[0].note == "not finite");
-  CHECK(curves[0].points.size() == 1);
-  CHECK(curves[1].note == "no memory");
-  CHECK(curves[2].note.empty());
-  CHECK(curves[2].points.size() == 2);
 }
 
 }  // namespace

@@ -151,9 +151,7 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "tune --size 48x40/500 m.ply", 2, "excludes");
   check_error(folder, "render m --video v.mp4 --format npy", 2, "--format requires --out");
   check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
-  check_error(folder, "accuracy curve --out c --scene orbit d", 2, "excludes");
   check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
-  check_error(folder, "bench --ranks --baseline b", 2, "--ranks measures the synthetic object");
   check_error(folder, "bench --data d --list", 2, "--data requires --model");
   check_error(folder, "experiment e.yaml d --emit-tasks --dry-run", 2, "--dry-run excludes");
   check_error(folder, "experiment e.yaml d --task k --dry-run", 2, "--dry-run excludes");
@@ -206,13 +204,6 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
     refused(fmt::format("{} -1", arguments), ": choose a number of 0 or more, not -1");
   refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
   CHECK(file_count(folder.path()) == 2);
-}
-
-TEST_CASE("cli: commands below others know no option of theirs") {
-  const TempFolder folder;
-  check_error(folder, "bench --quick scaling --out s", 2, "--quick stands before 'scaling'");
-  check_error(folder, "accuracy --quick", 2, "--out is required");
-  check_error(folder, "bench scaling --no-such", 2, "ubs bench scaling --help");
 }
 
 TEST_CASE("cli: unusable data is one line and exit code 3") {

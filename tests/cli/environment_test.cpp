@@ -299,9 +299,7 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
         {"stress", SIGTERM, ""},
         {"tune", SIGINT, ""},
         {"compare --devices cpu,cpu --model run/model.ply --data data --repeat 100000", SIGTERM, ""},
-        {"bench scaling --out s", SIGINT, ""},
         {"accuracy --out a", SIGTERM, ""},
-        {"accuracy curve --out c --iterations 1000000", SIGINT, ""},
         {"render run/model.ply --out r --path orbit --path-frames 100000", SIGTERM, ""},
         {"reduce --model big/model.ply --data data --out reduced.ply", SIGINT, "err.txt"}}) {
     const int code = ended_by(folder, arguments, signal, begun);

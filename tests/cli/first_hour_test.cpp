@@ -124,8 +124,7 @@ TEST_CASE("every command that takes a model takes the folder of its run, and no 
   put_scene(folder / "sets/data", 32, 6, 2);
   ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
   const std::map<std::string, std::string> rest{
-      {"accuracy",
-       "--quick --no-stages --rounds 3 --sample-ms 1 --config math=native --out accuracy --quiet"},
+      {"accuracy", "--quick --config math=native --out accuracy --quiet"},
       {"bench", "--list"},
       {"compare", "--devices cpu --repeat 1"},
       {"convert", "copy.spz"},

@@ -277,9 +277,7 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
       {"render run/model.ply --data data --out OUT", "r_000.png"},
       {"render run/model.ply --data data --channels depth --format npy --out OUT", "r_001_depth.npy"},
       {"compare --devices cpu --model run/model.ply --data data --out OUT", "compare.csv"},
-      {"accuracy --quick --model run/model.ply --data data --out OUT", "accuracy.md"},
-      {"accuracy curve --quick --data data --config a:dim=3 --out OUT", "curve.svg"},
-      {"bench scaling --quick --out OUT", "scaling.csv"},
+      {"accuracy --quick --model run/model.ply --data data --out OUT", "accuracy.csv"},
       {"stress --run '^01' --out OUT", "stress.md"},
       {"synth glossy --size 32 --views 4 --test-views 2 --out OUT", "transforms_test.json"}};
   for (std::size_t turn = 0; const auto& [arguments, name] : commands) {

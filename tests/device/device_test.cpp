@@ -76,16 +76,6 @@ TEST_CASE("profiling names what ran and how often", "[device]") {
   }
 }
 
-TEST_CASE("every device has ceilings", "[device]") {
-  for (const auto& device : devices_under_test()) {
-    const CeilingRates rates =
-        measure_ceilings(*device, {.large_bytes = std::size_t{1} << 20, .repetitions = 1, .fma_rounds = 64});
-    INFO(device->info().name);
-    for (const double rate : {rates.fma, rates.read, rates.write, rates.update, rates.private_cache})
-      CHECK(rate > 0);
-  }
-}
-
 // One file of programs, whatever is compiled at run time: what a device made is what it was asked for.
 TEST_CASE("programs compiled at run time are those of the configuration", "[device]") {
   for (const auto& device : devices_under_test()) {

@@ -199,16 +199,15 @@ TEST_CASE("kernels have the arguments that are declared") {
         Buffer<float> v_params(*opened, "gradients", static_cast<std::size_t>(model.rows()) * model.stride());
         renderer.backward(v_params.view(), false);
       }
-      Kernel kernel = opened->kernel({{"map/ceilings.cl"}, {"-DUBS_VW=1"}}, "ceiling_fma");
-      constexpr ParameterType out = parameter_type<float*>(), rounds = parameter_type<u32>(),
-                              factor = parameter_type<float>();
-      kernel.check_types(std::array{out, rounds, factor});
+      Kernel kernel = opened->kernel({{"map/row_sums.cl"}, {"-DUBS_VW=1"}}, "row_sums");
+      constexpr ParameterType sums = parameter_type<float*>(), pitch = parameter_type<int>(), count = pitch;
+      kernel.check_types(std::array{sums, pitch, count});
       const auto check = [&](const auto&... types) { kernel.check_types(std::array{types...}); };
-      CHECK_THROWS_WITH(check(parameter_type<const float*>(), rounds, factor), Catch::Contains("argument 0"));
-      CHECK_THROWS_WITH(check(parameter_type<u32*>(), rounds, factor), Catch::Contains("argument 0"));
-      CHECK_THROWS_WITH(check(out, parameter_type<int>(), factor), Catch::Contains("argument 1"));
-      CHECK_THROWS_WITH(check(out, rounds), Catch::Contains("2 are declared"));
-      CHECK_THROWS_WITH(check(out, rounds, factor, factor), Catch::Contains("argument 3"));
+      CHECK_THROWS_WITH(check(parameter_type<const float*>(), pitch, count), Catch::Contains("argument 0"));
+      CHECK_THROWS_WITH(check(parameter_type<u32*>(), pitch, count), Catch::Contains("argument 0"));
+      CHECK_THROWS_WITH(check(sums, parameter_type<u32>(), count), Catch::Contains("argument 1"));
+      CHECK_THROWS_WITH(check(sums, pitch), Catch::Contains("2 are declared"));
+      CHECK_THROWS_WITH(check(sums, pitch, count, count), Catch::Contains("argument 3"));
     }
 }
 

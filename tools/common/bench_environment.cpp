@@ -8,7 +8,6 @@
 #include <fstream>
 #include <iterator>
 
-#include "host/base/error.hpp"
 #include "host/base/text.hpp"
 
 namespace ubs::tools {
@@ -38,11 +37,6 @@ std::string command_line() {
     at = end + 1;
   }
   return line;
-}
-
-void require_compared(const std::string& baseline, std::size_t comparisons) {
-  if (comparisons == 0)
-    fail(ErrorKind::data, "{}: no case of this run is in it, so nothing was compared", baseline);
 }
 
 }  // namespace ubs::tools

@@ -166,7 +166,7 @@ struct cudaDeviceProp {
   char name[64];
   int major, minor, multiProcessorCount;
   std::size_t totalGlobalMem;
-  int pciDomainID, pciBusID, pciDeviceID, l2CacheSize;
+  int pciDomainID, pciBusID, pciDeviceID;
 };
 
 namespace cuda_on_host {

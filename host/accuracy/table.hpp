@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of `ubs accuracy`, error beside time, as text, CSV and JSON.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <span>
+#include <string>
+
+#include "host/accuracy/measure.hpp"
+
+namespace ubs::accuracy {
+
+// A row a form; for each stage its typical error, of the quantity that has the largest, and its time in ms.
+std::string table_header();
+std::string table_row(const Result& result);
+
+// A row a form, stage and quantity.
+std::string table_csv(std::span<const Result> results);
+nlohmann::ordered_json table_json(std::span<const Result> results);
+
+}  // namespace ubs::accuracy
