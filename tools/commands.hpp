@@ -38,7 +38,6 @@ Command add_stress(CLI::App& root);
 Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root, Command& curve);
 Command add_curve(CLI::App& accuracy);
-Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);
 Command add_doctor(CLI::App& root);
 Command add_report(CLI::App& root);
