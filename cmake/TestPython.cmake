@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-# UBS_PYTHON: the interpreter of all tests in Python, one with NumPy and pytest: what CMake finds, else the
+# UBS_PYTHON: the interpreter of all tests in Python, one with NumPy, pytest and PyYAML: what CMake finds, else the
 # system's (tools/setup.sh installs them). Empty where there is none.
 find_package(Python3 COMPONENTS Interpreter)
 set(UBS_PYTHON "")
 foreach(candidate IN ITEMS ${Python3_EXECUTABLE} /usr/bin/python3)
   if(NOT UBS_PYTHON)
-    execute_process(COMMAND ${candidate} -c "import numpy, pytest" RESULT_VARIABLE missing OUTPUT_QUIET ERROR_QUIET)
+    execute_process(COMMAND ${candidate} -c "import numpy, pytest, yaml" RESULT_VARIABLE missing OUTPUT_QUIET ERROR_QUIET)
     if(missing EQUAL 0)
       set(UBS_PYTHON ${candidate})
     endif()
   endif()
 endforeach()
 if(NOT UBS_PYTHON)
-  message(WARNING "No Python with NumPy and pytest (python3-numpy, python3-pytest): the package, the pages of ubs web "
-                  "and tools/export_lpips_weights.py are not tested")
+  message(WARNING "No Python with NumPy, pytest and PyYAML (python3-numpy, python3-pytest, python3-yaml): the package, "
+                  "the pages of ubs web, tools/experiment.py and tools/export_lpips_weights.py are not tested")
 endif()

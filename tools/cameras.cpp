@@ -10,6 +10,7 @@
 #include <optional>
 #include <regex>
 
+#include "host/base/child_process.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
@@ -19,7 +20,6 @@
 #include "host/data/colmap.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image_info.hpp"
-#include "host/experiment/child_process.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/output.hpp"
@@ -166,13 +166,13 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
   CountProgress progress(step.progress.empty() ? places.pictures.size() : 100,
                          step.progress.empty() ? step.name : "% of " + step.name, quiet);
   Stopwatch watch;
-  const experiment::ChildResult result = experiment::run_child(arguments, log, [&] {
-    if (guard.interrupted()) return experiment::Request::kill;  // COLMAP has no other way to stop
+  const ChildResult result = run_child(arguments, log, [&] {
+    if (guard.interrupted()) return true;  // COLMAP has no other way to stop
     if (watch.seconds() > 1) {
       watch.restart();
       show(step, log, progress);
     }
-    return experiment::Request::none;
+    return false;
   });
   progress.finish();
   if (guard.interrupted()) return;
@@ -260,8 +260,7 @@ int run(const CamerasOptions& options) {
   if (!colmap.empty()) {
     const TemporaryFolder temporary;
     const fs::path help = temporary.path() / "help.log";
-    experiment::run_child({colmap.string(), "feature_extractor", "-h"}, help,
-                          [] { return experiment::Request::none; });
+    run_child({colmap.string(), "feature_extractor", "-h"}, help, [] { return false; });
     renamed = read_text_file(help).find("--FeatureExtraction.use_gpu") != std::string::npos;
   }
   const std::vector<fs::path> stale = stale_files(options, places);

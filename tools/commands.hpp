@@ -34,7 +34,6 @@ Command add_bench(CLI::App& root);
 Command add_stress(CLI::App& root);
 Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
-Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);
 Command add_report(CLI::App& root);
 Command add_web(CLI::App& root);

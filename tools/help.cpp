@@ -26,8 +26,6 @@ constexpr Examples kExamples[] = {
     {"plan", kLearn, "ubs plan photos", "ubs plan photos --dim 7 --iterations 10000"},
     {"reduce", kLearn, "ubs reduce run --out small.ply",
      "ubs reduce run photos --max-loss-db 0.2 --out small.ply"},
-    {"experiment", kLearn, "ubs experiment data_specs/experiments/small_static.yaml data",
-     "ubs experiment data_specs/experiments/main_table.yaml data --dry-run"},
     {"view", kLook, "ubs view run", "ubs view run photos"},
     {"render", kLook, "ubs render run --video flight.mp4",
      "ubs render run photos --split test --out pictures"},

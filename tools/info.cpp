@@ -25,10 +25,14 @@ namespace ubs::tools {
 namespace {
 
 struct InfoOptions {
-  explicit InfoOptions(CLI::App& app) : import(app) {}
+  explicit InfoOptions(CLI::App& app)
+      : import(app),
+        settings(app, {"layout", "images", "principal_point", "downscale", "test_every", "frames",
+                       "cache_folder", "allow_outside"}) {}
   ImportChoice import;
+  SettingsOptions settings;  // how data are read
   std::string model;
-  bool json = false, allow_outside = false;
+  bool json = false;
 };
 
 struct Summary {
@@ -207,12 +211,9 @@ bool is_data(const std::string& path) {
 }
 
 Dataset open_data(const InfoOptions& options) {
-  DatasetOptions reading{.load_images = false, .allow_outside = options.allow_outside};
-  if (is_packed(options.model)) {
-    const PackedFile file(options.model);
-    reading.background = file.background(), reading.downscale = file.downscale();
-  }
-  return load_dataset(options.model, reading);
+  TrainSettings settings = options.settings.resolve();
+  if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
+  return open_dataset(options.model, {}, settings, Images::skip);
 }
 
 // What a packed file says about itself.
@@ -263,15 +264,14 @@ int run_data(const InfoOptions& options) {
   return 0;
 }
 
-int run(const InfoOptions& options) {
+int run(InfoOptions& options) {
   const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
   const bool run = is_folder(options.model) && path_exists(of_run);
   const bool data = !run && is_data(options.model);
   if (data && options.import.given())
     fail(ErrorKind::usage, "--import and --support are of models, {} is data", options.model);
-  if (!data && options.allow_outside)
-    fail(ErrorKind::usage, "--allow-outside is of data, {} is a model", options.model);
   if (data) return run_data(options);
+  options.settings.limit({""}, fmt::format("is of data, {} is a model", options.model));
   const Json info = describe_model(run ? of_run.string() : options.model, options.import.options());
   if (options.json) {
     print_json(info);
@@ -322,8 +322,6 @@ Command add_info(CLI::App& root) {
       ->required()
       ->type_name("PATH");
   app->add_flag("--json", options->json, "machine-readable output");
-  app->add_flag("--allow-outside", options->allow_outside,
-                "read files outside of the data folder that links, absolute paths or .. in the data lead to");
   return {app, [options] { return run(*options); }};
 }
 

@@ -30,7 +30,7 @@ constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data or a result that cannot be\n"
     "written, 4 device, 5 kernels do not build, 6 out of memory, 7 not finite, 8 worse than the baseline\n"
     "(bench, accuracy), 9 failures (stress), 10 a device computes wrong results, 130 interrupted (train,\n"
-    "render, experiment, bench, accuracy and stress keep the results so far).\n"
+    "render, bench, accuracy and stress keep the results so far).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
@@ -62,7 +62,7 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
 
 // Others would do, and write, everything as often as there are ranks.
 void check_ranks(const CLI::App& command) {
-  constexpr std::array kShared{"eval", "experiment", "render", "train"};
+  constexpr std::array kShared{"eval", "render", "train"};
   if (ubs::tools::ranks().size() > 1 && std::ranges::find(kShared, command.get_name()) == kShared.end())
     ubs::fail(ubs::ErrorKind::usage, "'{}' is a command of one process: leave out mpirun",
               ubs::tools::full_name(command));
@@ -96,7 +96,6 @@ int run(int argc, char** argv) {
       add_tune(root),
       add_metrics(root),
       add_reduce(root),
-      add_experiment(root),
       add_cameras(root),
       add_view(root),
 #ifdef UBS_WITH_OPENCV

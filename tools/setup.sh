@@ -24,6 +24,7 @@ packages=(
   help2man                                                   # manual pages; optional
   libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
+  python3-yaml                                               # tools/experiment.py
 )
 test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests
 

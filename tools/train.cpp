@@ -49,7 +49,7 @@ struct TrainOptions {
   StartOptions start;
   std::string device;
   double serve_share = serve::kShare;
-  bool quiet = false, json = false;
+  bool print_settings = false, quiet = false, json = false;
   bool talkative() const { return !quiet && !json; }
 };
 
@@ -254,7 +254,18 @@ void check_shared(const TrainOptions& options) {
          "--serve shows the model of one process: leave it out where ranks share a training");
 }
 
+int print_settings(const TrainOptions& options) {
+  TrainSettings settings = options.settings.resolve();
+  const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
+  if (options.json)
+    print_json(to_json(fields));
+  else
+    say("{}", to_yaml(fields));
+  return 0;
+}
+
 int run(const TrainOptions& options) {
+  if (options.print_settings) return print_settings(options);
   files_before_output();
   const LpipsRequest lpips = options.lpips.request();
   Start start = start_of(options.start, options.settings, ranks().first());
@@ -402,6 +413,10 @@ Command add_train(CLI::App& root) {
       ->needs("--resume")
       ->group(kRareGroup);
   add_overwrite_option(*app, options->start.overwrite);
+  app->add_flag("--print-settings", options->print_settings,
+                "only print all settings as a file for --spec (with --json as JSON): those given here, and "
+                "published values for the others")
+      ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
                   "percent of the time of training that visitors of --serve may cost [5]")

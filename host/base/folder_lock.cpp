@@ -7,23 +7,18 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 #include <ctime>
-#include <thread>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/base/stopwatch.hpp"
 #include "host/base/warning.hpp"
 
 namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::chrono::milliseconds kPollInterval{50};
 
 std::string this_holder() {
   char host[256] = {}, date[32] = {};
@@ -50,23 +45,17 @@ bool is_unsupported(int reason) {
 
 }  // namespace
 
-FolderLock::FolderLock(fs::path folder, Children children, double patience)
-    : folder_(std::move(folder)), path_(folder_ / ".ubs-lock"), children_(children) {
+FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(folder_ / ".ubs-lock") {
   made_ = !path_exists(folder_);
   make_folders(folder_);
-  const Stopwatch waited;
-  while (!try_once()) {
-    if (waited.seconds() >= patience)
-      fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
-           folder_.string(), holder_in(path_));
-    std::this_thread::sleep_for(kPollInterval);
-  }
+  if (!try_once())
+    fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
+         folder_.string(), holder_in(path_));
 }
 
 // The holder removes the file when it goes: what was opened may be a file that has just lost its name.
 bool FolderLock::try_once() {
-  const int inherited = children_ == Children::inherit ? 0 : O_CLOEXEC;
-  const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | inherited, 0666);
+  const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
   struct stat opened {
   }, named{};

@@ -9,16 +9,10 @@ namespace ubs {
 
 class FolderLock {
  public:
-  enum class Children {
-    without,  // the lock ends with this process
-    inherit   // processes that it starts hold it too: it stays until the last of them has gone
-  };
-
-  // Makes the folder where it is missing, and removes it at the end if nothing came into it. Waits for
-  // `patience` seconds, then throws Error(usage) naming the holder. Where the file system knows no locks
-  // there is a warning and no lock.
-  explicit FolderLock(std::filesystem::path folder, Children children = Children::without,
-                      double patience = 0);
+  // Creates the folder if it is missing, and removes it at the end if it is still empty. Throws Error(usage)
+  // that names the holder if another process has the lock. On file systems without locks there is a warning
+  // and no lock.
+  explicit FolderLock(std::filesystem::path folder);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
   FolderLock& operator=(const FolderLock&) = delete;
@@ -27,7 +21,6 @@ class FolderLock {
   bool try_once();
 
   std::filesystem::path folder_, path_;
-  Children children_;
   int file_ = -1;
   bool made_ = false;
 };

@@ -86,15 +86,6 @@ void remove_tree(const fs::path& path) {
   check(error, path, "cannot be removed");
 }
 
-void rename_path(const fs::path& from, const fs::path& to) {
-  std::error_code error;
-  fs::rename(from, to, error);
-  if (error)
-    fail(ErrorKind::data, "{}: cannot be renamed to {}: {}", from.string(), to.string(), error.message());
-  sync_folder(folder_of(to));
-  if (folder_of(from) != folder_of(to)) sync_folder(folder_of(from));
-}
-
 void sync_folder(const fs::path& folder) {
   const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});

@@ -29,8 +29,6 @@ void make_folders(const std::filesystem::path& folder);
 // What is not there is no error.
 void remove_path(const std::filesystem::path& path);
 void remove_tree(const std::filesystem::path& path);
-// Replaces what has the new name. On the disk afterwards.
-void rename_path(const std::filesystem::path& from, const std::filesystem::path& to);
 
 // Waits until the names in the folder are on the disk.
 void sync_folder(const std::filesystem::path& folder);

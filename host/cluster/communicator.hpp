@@ -41,8 +41,6 @@ class Communicator {
   virtual bool takes_card_memory() const { return false; }
   // Over all ranks, modulo 2^64; all get it.
   virtual void sum(std::span<std::uint64_t> values) = 0;
-  // From now on this rank waits for the others as long as they need, such as for trainings of their own.
-  virtual void be_patient() {}
 
   bool first() const { return rank() == 0; }
   // What the first rank has.

@@ -51,8 +51,6 @@ class MpiRanks final : public Communicator {
     return takes != 0;
   }
 
-  void be_patient() override { limits_.patience = std::numeric_limits<double>::infinity(); }
-
   std::unique_ptr<Exchange> start(const Pieces& pieces) override {
     if (pieces.size() != static_cast<std::size_t>(size_))
       fail(ErrorKind::internal, "{} pieces for {} ranks", pieces.size(), size_);

@@ -25,10 +25,7 @@ std::string single_quoted(const std::string& text) {
 }  // namespace
 
 std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path) {
-  const YamlReader reader(path);
-  std::vector<std::string> keys;
-  for (const Assignment& a : reader.assignments(fields, reader.root(), "the file")) keys.push_back(a.key);
-  return keys;
+  return YamlReader(path).set(fields);
 }
 
 std::string to_yaml(FieldValues fields) {

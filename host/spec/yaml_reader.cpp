@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/spec/yaml_reader.hpp"
 
-#include <algorithm>
 #include <set>
 
 #include "host/base/error.hpp"
@@ -27,10 +26,6 @@ YAML::Node parse(const std::filesystem::path& path) {
 
 }  // namespace
 
-void set_fields(FieldValues fields, const std::vector<Assignment>& assignments) {
-  for (const Assignment& a : assignments) set_field(fields, a.key, a.text, a.origin);
-}
-
 YamlReader::YamlReader(std::filesystem::path path) : path_(std::move(path)), root_(parse(path_)) {}
 
 std::string YamlReader::where(const YAML::Node& node) const { return locate(path_, node.Mark()); }
@@ -49,24 +44,6 @@ std::vector<YamlEntry> YamlReader::entries(const YAML::Node& node, const std::st
   return found;
 }
 
-std::map<std::string, YamlEntry> YamlReader::mapping(const YAML::Node& node, const std::string& what,
-                                                     const std::vector<std::string>& known,
-                                                     const std::vector<std::string>& required) const {
-  std::map<std::string, YamlEntry> found;
-  for (const YamlEntry& entry : entries(node, what)) {
-    if (std::ranges::find(known, entry.key) == known.end()) {
-      const std::string nearest = nearest_word(entry.key, known);
-      fail(ErrorKind::data, "{}: unknown key '{}' in {}; {}", entry.where, entry.key, what,
-           nearest.empty() ? fmt::format("there are: {}", fmt::join(known, ", "))
-                           : fmt::format("did you mean '{}'?", nearest));
-    }
-    found.emplace(entry.key, entry);
-  }
-  for (const std::string& key : required)
-    if (!found.contains(key)) fail(ErrorKind::data, "{}: {} needs the key '{}'", where(node), what, key);
-  return found;
-}
-
 std::string YamlReader::text(const YamlEntry& entry) const {
   if (entry.value.IsScalar()) return decode_text(entry.value.Scalar());
   const auto wrong = [&](const char* what) {
@@ -82,31 +59,18 @@ std::string YamlReader::text(const YamlEntry& entry) const {
   return text;
 }
 
-std::vector<std::string> YamlReader::list(const YamlEntry& entry) const {
-  std::vector<std::string> items;
-  if (!entry.value.IsSequence() || entry.value.size() == 0)
-    fail(ErrorKind::data, "{}: {} must be a list such as [a, b]", entry.where, entry.key);
-  for (const YAML::Node& item : entry.value) {
-    if (!item.IsScalar())
-      fail(ErrorKind::data, "{}: {} must be a list of plain values", where(item), entry.key);
-    items.push_back(item.Scalar());
-  }
-  return items;
-}
-
-std::vector<Assignment> YamlReader::assignments(FieldValues fields, const YAML::Node& node,
-                                                const std::string& what) const {
-  std::vector<Assignment> found;
-  if (node.IsNull()) return found;
-  for (const YamlEntry& entry : entries(node, what)) {
-    const Assignment& a = found.emplace_back(Assignment{entry.key, text(entry), entry.where});
+std::vector<std::string> YamlReader::set(FieldValues fields) const {
+  std::vector<std::string> keys;
+  if (root_.IsNull()) return keys;
+  for (const YamlEntry& entry : entries(root_, "the file")) {
     try {
-      set_field(fields, a.key, a.text, a.origin);
+      set_field(fields, entry.key, text(entry), entry.where);
     } catch (const Error& error) {  // the same complaint, but about a file
       throw Error(ErrorKind::data, error.what());
     }
+    keys.push_back(entry.key);
   }
-  return found;
+  return keys;
 }
 
 }  // namespace ubs

@@ -153,11 +153,6 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
   check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
   check_error(folder, "bench --data d --list", 2, "--data requires --model");
-  check_error(folder, "experiment e.yaml d --emit-tasks --dry-run", 2, "--dry-run excludes");
-  check_error(folder, "experiment e.yaml d --task k --dry-run", 2, "--dry-run excludes");
-  check_error(folder, "experiment e.yaml d --task k --emit-tasks", 2, "--emit-tasks excludes");
-  check_error(folder, "experiment e.yaml d --task k --overwrite", 2, "--task excludes --overwrite");
-  check_error(folder, "experiment e.yaml d --emit-tasks --overwrite", 2, "--emit-tasks excludes --overwrite");
   check_error(folder, "accuracy --out a --split train", 2, "--split requires --model");
   check_error(folder, "accuracy --out a m --splats 100", 2, "--splats is of embedded scenes");
   check_error(folder, "convert m.ply o.spz --degree 1", 2, "--degree requires --distill");

@@ -414,7 +414,6 @@ TEST_CASE("folders and models stand without their options' names") {
   // Refused for what they are, and not as a word too many.
   check_error(folder, "accuracy run nowhere --out a", 3, "nowhere");
   check_error(folder, "tune run nowhere --dry-run", 3, "nowhere");
-  check_error(folder, "experiment nowhere.yaml data", 3, "nowhere.yaml");
 }
 
 // An example is a promise: its command knows its options, and gets what it requires.

@@ -242,7 +242,6 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
         "synth glossy --out {} --size 8 --views 1",
         "reduce --model {} --data data --out r.ply",
         "plan --data {}",
-        "experiment {} --root data",
         "stress --replay {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {

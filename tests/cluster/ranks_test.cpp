@@ -4,7 +4,6 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <string>
 
 #include "host/cluster/deal.hpp"
@@ -383,55 +382,6 @@ TEST_CASE("ranks: steps are predicted") {
   test::put(folder / "costs.json", negative.dump());
   test::check_error(folder, "plan data --dim 6 --ranks 64 --splats 1G --costs costs.json", 3,
                     "costs.json: 'fixed_ms' is -1; it must be at least 0");
-}
-
-TEST_CASE("ranks: an experiment's runs are handed out, and finished tasks are not repeated") {
-  const TempFolder folder;
-  synthesise(folder);
-  test::put(
-      folder / "set.yaml",
-      "name: mine\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
-      "background: black}\nwidth: 32\nsettings: {iterations: 100, init_points: 200, cap_max: 250, "
-      "save_renders: 0}\nscenes: {data: }\n");
-  test::put(folder / "e.yaml",
-            "name: e\ndata: [{set: set.yaml}]\nrows:\n"
-            "  - {name: three, settings: {dim: 3}}\n"
-            "  - {name: six, settings: {dim: 6}}\n"
-            "  - {name: seed, settings: {dim: 6, seed: 9}}\n");
-  const std::string command = "experiment e.yaml --root . --fps-views 0 --quiet --out ";
-  ubs_ok(folder, command + "one");
-  ranks_ok(folder, 2, command + "many");
-  const auto model = [&](const std::string& out, const std::string& row) {
-    return get(folder / fmt::format("{}/runs/{}.mine.data/model.ply", out, row));
-  };
-  for (const char* row : {"three", "six", "seed"}) {
-    REQUIRE(model("one", row).size() > 5000);
-    CHECK((model("one", row) == model("many", row)));
-  }
-  CHECK(get(folder / "one/table.csv").size() > 50);
-  CHECK_THAT(get(folder / "many/table.md"), Contains("seed"));
-
-  const auto tasks = [&] {
-    std::vector<json> lines;
-    std::istringstream text(ubs_ok(folder, command + "array --emit-tasks=true").out);
-    for (std::string line; std::getline(text, line);) lines.push_back(json::parse(line));
-    return lines;
-  };
-  const std::vector<json> before = tasks();
-  REQUIRE(before.size() == 3);
-  const std::string task = before[1]["command"];
-  CHECK_THAT(task, !Contains("true"));
-  const Result done = test::run_command(folder, task);
-  INFO(task << "\n" << done.err);
-  REQUIRE(done.code == 0);
-  CHECK((model("array", "six") == model("one", "six")));
-  CHECK_FALSE(fs::exists(folder / "array/table.md"));
-  const auto written = fs::last_write_time(folder / "array/runs/six.mine.data/model.ply");
-  CHECK(tasks().size() == 2);
-  CHECK(test::run_command(folder, task).code == 0);
-  CHECK(fs::last_write_time(folder / "array/runs/six.mine.data/model.ply") == written);
-  ubs_ok(folder, command + "array --emit-tasks --device h100");  // which this machine need not have
-  test::check_error(folder, command + "array --task 0123456789abcdef", 2, "no run has this key");
 }
 
 TEST_CASE("ranks: pictures, frames and measurements are those of one process") {

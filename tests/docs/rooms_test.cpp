@@ -27,7 +27,6 @@ const std::map<std::string, std::string> kMayInclude{
     {"view", "base scene data pipeline"},
     {"report", "base scene spec data pipeline train view"},
     {"reduce", "base scene kernels data pipeline train"},
-    {"experiment", "base cluster spec data train"},
     {"bench", "base scene spec data device pipeline train"},
     {"accuracy", "base scene spec device kernels pipeline train bench oracle"},
     {"check", "base device kernels metrics pipeline accuracy oracle"},

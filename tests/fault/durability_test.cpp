@@ -71,13 +71,6 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
   prepare(folder);
   ubs_ok(folder, fmt::format("train --out run {}", kRun));
   ubs_ok(folder, "convert run/model.ply m.3dgs.ply --to 3dgs");
-  put(folder / "set.yaml",
-      "name: toys\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
-      "background: black}\nwidth: 32\nsettings: {dim: 3, init_points: 100, cap_max: 120, iterations: 20}\n"
-      "scenes: {data: }\n");
-  put(folder / "e.yaml",
-      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\nrows:\n"
-      "  - name: short\n    published: {toys: {data: [30]}}\n");
   const char* commands[] = {
       "synth orbit --out o/data --size 32 --views 2 --test-views 1 --supersampling 1",
       "pack data --out o/F.ubsd",
@@ -99,7 +92,6 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
       "accuracy --quick --out o/accuracy",
       "compare --devices cpu --model run/model.ply --data data --repeat 1 --out o/compare",
       "tune --quick --raster cpu --size 48x40/500 --max-time 0.1 --json o/t.json",
-      "experiment e.yaml --root . --device cpu --out o/experiment --quiet",
   };
   fs::create_directory(folder / "o");
   for (const char* command : commands) {

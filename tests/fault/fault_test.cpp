@@ -120,35 +120,6 @@ TEST_CASE("faults: the other commands", "[.long]") {
   }
 }
 
-TEST_CASE("faults: experiment", "[.long]") {
-  REQUIRE(can_trace());
-  const TempFolder folder;
-  put_scene(folder / "root/shiny", 32, 5, 2);
-  put(folder / "set.yaml",
-      "name: toys\ndataset: {source: synth, licence: Apache-2.0, layout: blender, split: s, resolution: r, "
-      "background: black}\nwidth: 32\nsettings: {dim: 3, init_points: 150, cap_max: 150, iterations: 30}\n"
-      "scenes: {shiny: }\n");
-  put(folder / "e.yaml",
-      "name: e\npublished: {source: a book, columns: [psnr]}\ndata: [{set: set.yaml}]\n"
-      "rows: [{name: short, published: {toys: {shiny: [30]}}}]\n");
-  const std::string command = "experiment e.yaml --root root --fps-views 0 --out out/e";
-  const Scenario scenario{
-      .command = command,
-      .codes = {0, 1, 3},  // 1: the row has failed, and stands in the table with its reason
-      .unfinished = ".partial/",
-      .has_children = true,
-      .keeps_at_signal = true,
-      .best_effort = true,
-      .complete = [&](const TempFolder&) { return command + " --resume"; },
-      .common =
-          [](const std::string& path, const std::string& bytes) {
-            return path.ends_with(".ply") ? bytes : std::string("present");
-          }};
-  attack(folder, "experiment, disk", scenario, writing_faults(), 4);
-  attack(folder, "experiment, killed", scenario, kills(), 6);
-  attack(folder, "experiment, signalled", scenario, signals(), 4);
-}
-
 TEST_CASE("faults: tune, accuracy", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;

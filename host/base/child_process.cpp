@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/experiment/child_process.hpp"
+#include "host/base/child_process.hpp"
 
 #include <fcntl.h>
 #include <sys/prctl.h>
@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <csignal>
 #include <cstring>
 #include <thread>
@@ -15,7 +16,7 @@
 #include "host/base/file.hpp"
 #include "host/base/text.hpp"
 
-namespace ubs::experiment {
+namespace ubs {
 namespace {
 
 constexpr std::chrono::milliseconds kPollInterval{50};
@@ -32,7 +33,7 @@ constexpr std::chrono::milliseconds kPollInterval{50};
   _exit(127);
 }
 
-// Ends and collects the child unless it has been collected: no orphan stays when a poll throws.
+// Ends and collects the child unless it has been collected: no orphan stays when `stop` throws.
 class Collector {
  public:
   explicit Collector(pid_t child) : child_(child) {}
@@ -66,7 +67,7 @@ void sync(const std::filesystem::path& log) {
 }  // namespace
 
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
-                      const std::function<Request()>& poll) {
+                      const std::function<bool()>& stop) {
   std::vector<std::string> copies = arguments;
   std::vector<char*> pointers;
   for (std::string& argument : copies) pointers.push_back(argument.data());
@@ -80,7 +81,6 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   close(file);
   if (child < 0) fail(ErrorKind::internal, "cannot start a process: {}", std::strerror(errno));
   Collector collector(child);
-  bool interrupted = false;
   for (;;) {
     int status = 0;
     if (waitpid(child, &status, WNOHANG) == child) {
@@ -88,12 +88,9 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
       sync(log);
       return WIFSIGNALED(status) ? ChildResult{0, WTERMSIG(status)} : ChildResult{WEXITSTATUS(status), 0};
     }
-    const Request request = poll();
-    if (request == Request::kill) kill(child, SIGKILL);
-    if (request == Request::interrupt && !interrupted) kill(child, SIGINT);
-    interrupted |= request == Request::interrupt;
+    if (stop()) kill(child, SIGKILL);
     std::this_thread::sleep_for(kPollInterval);
   }
 }
 
-}  // namespace ubs::experiment
+}  // namespace ubs
