@@ -59,7 +59,7 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   ubs_ok(folder, "pack data --out set/F.ubsd");
   check_refused(folder, fmt::format("train --data set/F.ubsd --out set {}", kShort), "holds the data");
 
-  const std::vector<std::string> mine{"renders/mine.png", "nonfinite/mine.txt", "notes.txt"};
+  const std::vector<std::string> mine{"renders/mine.png", "notes.txt"};
   for (const std::string& name : mine) put(folder / "run" / name, "precious");
   ubs_ok(folder, train("run"));
   ubs_ok(folder, train("run", "--overwrite"));

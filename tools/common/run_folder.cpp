@@ -57,7 +57,7 @@ void RunFolder::check_new(bool overwrite) const {
     if (!overwrite && path_exists(file) && (file == model() || !is_own_result(file)))
       fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
            file.string());
-  for (const fs::path& folder : {folder_, renders(), cameras(), nonfinite()}) check_removable(folder);
+  for (const fs::path& folder : {folder_, renders(), cameras()}) check_removable(folder);
   check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
 }
 
@@ -70,7 +70,7 @@ void RunFolder::check_renders(const Split& split, int count) const {
 
 void RunFolder::begin(TrainSettings settings) {
   if (!writes_) return;
-  for (const fs::path& folder : {renders(), cameras(), nonfinite(), folder_}) remove_made(folder);
+  for (const fs::path& folder : {renders(), cameras(), folder_}) remove_made(folder);
   make_folders(folder_);
   write_config(settings);
   log_.start(log_file(), std::string(kLogHeader) + '\n');

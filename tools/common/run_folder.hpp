@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
-// metrics.json and renders/; nonfinite/ with reports of values that are not finite. Files other than the log
-// appear whole or not at all. Only files that an earlier run made are deleted, and only they, or with
-// --overwrite any files of these names, are replaced.
+// metrics.json and renders/. Files other than the log appear whole or not at all. Only files that an earlier
+// run made are deleted, and only they, or with --overwrite any files of these names, are replaced.
 #pragma once
 
 #include <filesystem>
@@ -54,7 +53,6 @@ class RunFolder {
   const std::filesystem::path& path() const { return folder_; }
   std::filesystem::path model() const { return folder_ / "model.ply"; }
   std::filesystem::path checkpoint() const { return folder_ / "checkpoint.ubs"; }
-  std::filesystem::path nonfinite() const { return folder_ / "nonfinite"; }
   std::filesystem::path metrics() const { return folder_ / "metrics.json"; }
   std::filesystem::path renders() const { return folder_ / "renders"; }
   std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined ones
