@@ -25,8 +25,6 @@ namespace ubs::tools {
 namespace {
 
 struct InfoOptions {
-  explicit InfoOptions(CLI::App& app) : import(app) {}
-  ImportChoice import;
   std::string model;
   bool json = false, allow_outside = false;
 };
@@ -127,8 +125,8 @@ Json describe_clamps(const MixedModel& model) {
       {"beta", beta}, {"spatial_scale", spatial_scale}, {"query_scale", query_scale}, {"coupled", coupled}};
 }
 
-Json describe_model(const std::string& path, const ImportOptions& import) {
-  const LoadedModel loaded = load_splat_model(path, import);
+Json describe_model(const std::string& path) {
+  const LoadedModel loaded = load_splat_model(path);
   const MixedModel& model = loaded.model;
   const ParameterLayout layout = model.groups.front().layout();
   const std::vector<double> opacity = activated(
@@ -267,12 +265,10 @@ int run(const InfoOptions& options) {
   const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
   const bool run = is_folder(options.model) && path_exists(of_run);
   const bool data = !run && is_data(options.model);
-  if (data && options.import.given())
-    fail(ErrorKind::usage, "--import and --support are of models, {} is data", options.model);
   if (!data && options.allow_outside)
     fail(ErrorKind::usage, "--allow-outside is of data, {} is a model", options.model);
   if (data) return run_data(options);
-  const Json info = describe_model(run ? of_run.string() : options.model, options.import.options());
+  const Json info = describe_model(run ? of_run.string() : options.model);
   if (options.json) {
     print_json(info);
     return 0;
@@ -315,7 +311,7 @@ int run(const InfoOptions& options) {
 
 Command add_info(CLI::App& root) {
   CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
-  const auto options = std::make_shared<InfoOptions>(*app);
+  const auto options = std::make_shared<InfoOptions>();
   app->add_option(
          "model", options->model,
          "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")
