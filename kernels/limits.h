@@ -64,7 +64,7 @@
 // Least pivot of the query factor: only rows of zeros have less.
 #define UBS_PIVOT_ABSOLUTE R(1e-30)
 // An ellipse whose determinant is at most this part of what the blur adds to it is not drawn: its conditional
-// covariance is indefinite (modes upper and sym), and the determinant what is left of two numbers that
+// covariance is indefinite (mode upper), and the determinant what is left of two numbers that
 // cancel. The published test has 0.
 #define UBS_DEFINITE R(0.1)
 // Distance camera - splat below which the view direction is no longer normalised.

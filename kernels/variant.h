@@ -34,8 +34,7 @@
 #ifndef UBS_COV_MODE
 #define UBS_COV_MODE 0
 #endif
-#define UBS_COV_UPPER 0  // 1: sym
-#define UBS_COV_WHITEN 2
+#define UBS_COV_WHITEN 1  // 0: upper
 
 #ifndef UBS_FALLOFF  // the switch `kernel`
 #define UBS_FALLOFF 0

@@ -33,9 +33,8 @@ std::vector<std::string_view> accuracy_keys() {
 }
 
 struct AccuracyOptions {
-  explicit AccuracyOptions(CLI::App& app) : settings(app, accuracy_keys()), import(app) {}
+  explicit AccuracyOptions(CLI::App& app) : settings(app, accuracy_keys()) {}
   SettingsOptions settings;
-  ImportChoice import;
   std::vector<std::string> scenes, devices, configurations;
   std::string data, model, split = "test", out;
   std::size_t view = 0, splats = 10'000, rounds = 9;
@@ -87,7 +86,7 @@ NamedScene embedded_scene(const AccuracyOptions& options, const std::string& nam
 NamedScene file_scene(const AccuracyOptions& options) {
   std::string data = options.data;
   const RunData run = use_run_data(options.model, data);
-  LoadedModel loaded = open_model(options.model, options.import.options());
+  LoadedModel loaded = open_model(options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load, run.opened);
   require_images(split);
@@ -220,7 +219,7 @@ Command add_accuracy(CLI::App& root) {
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   add_overwrite_option(*app, options->overwrite);
   // What a model has, and what embedded scenes have, of which a model alone has none.
-  for (const char* name : {"--split", "--import", "--support"}) app->get_option(name)->needs("--model");
+  app->get_option("--split")->needs("--model");
   return {app, [app, options] {
             for (const char* name : {"--splats", "--size", "--iterations", "--dim"})
               if (app->count(name) > 0 && !options->model.empty() && options->scenes.empty())

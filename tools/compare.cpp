@@ -30,9 +30,8 @@ namespace ubs::tools {
 namespace {
 
 struct CompareOptions {
-  explicit CompareOptions(CLI::App& app) : settings(app), import(app) {}
+  explicit CompareOptions(CLI::App& app) : settings(app) {}
   SettingsOptions settings;
-  ImportChoice import;
   RunData run;
   std::vector<std::string> devices;
   std::string model, data, split = "test", out;
@@ -218,7 +217,7 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
 }
 
 Inputs load_inputs(const CompareOptions& options) {
-  LoadedModel loaded = open_model(options.model, options.import.options());
+  LoadedModel loaded = open_model(options.model);
   Inputs in{drawing_settings(options.settings, loaded, options.model, options.run),
             loaded.model.single("ubs compare"),
             {},

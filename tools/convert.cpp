@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert: model files between formats. Into our format exactly, or as the published form; out of it
-// without loss where the model is one of Gaussians, else by fixing the time and averaging the directions.
-// With --data the loss is measured by rendering both.
+// ubs convert: model files between formats. Into our format exactly; out of it without loss where the model
+// is one of Gaussians, else by fixing the time and averaging the directions. With --data the loss is measured
+// by rendering both.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -34,16 +34,14 @@ constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; 
 constexpr int kMaxSeries = 1000;            // files of moments
 
 struct ConvertOptions {
-  explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
+  explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()) {}
   SettingsOptions settings;
-  ImportChoice import;
   std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill,
                         conditioning;
   double time = 0;
-  int dim = 3, degree = 3, series = 0;
+  int degree = 3, series = 0;
   bool json = false, overwrite = false;
-  CLI::Option *split_option = nullptr, *dim_option = nullptr, *time_option = nullptr,
-              *opacity_option = nullptr;
+  CLI::Option *split_option = nullptr, *time_option = nullptr, *opacity_option = nullptr;
   RunData run;
   bool split_given() const { return split_option->count() > 0; }
 };
@@ -231,20 +229,13 @@ Json import_model(const ConvertOptions& options, const std::string& format) {
     for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
     return {{"splats", splats.count()}, {"remarks", remarks}};
   }
-  const ImportOptions import = options.import.options(options.dim);
-  const LoadedModel loaded = load_splat_model(options.from, import);
+  const LoadedModel loaded = load_splat_model(options.from);
   const SplatModel& model = loaded.model.groups.front();
   write_splat_ply(options.to, model, loaded.comments);
   Json json{{"splats", model.count}, {"variant", to_string(model.variant)}, {"remarks", loaded.remarks}};
   if (options.data.empty()) return json;
-  const double eps2d = loaded.eps2d.value_or(settings.eps2d);
-  if (import.form == ImportForm::beta) {
-    const LoadedModel exact = load_splat_model(options.from);
-    json["psnr_before"] = measure(options, exact.model.groups.front(), exact.offset, settings, {});
-  }
-  json[import.form == ImportForm::beta ? "psnr_after" : "psnr"] =
-      measure(options, model, loaded.offset, settings, eps2d);
-  json["eps2d"] = eps2d;
+  json["psnr"] = measure(options, model, loaded.offset, settings, {});
+  json["eps2d"] = settings.eps2d;
   return json;
 }
 
@@ -257,8 +248,6 @@ std::vector<fs::path> files_of(const ConvertOptions& options) {
 
 int run(ConvertOptions& options) {
   files_before_output();
-  if (options.dim < kMinDim || options.dim > kMaxDim)
-    fail(ErrorKind::usage, "--dim {}: choose {} to {}", options.dim, kMinDim, kMaxDim);
   const SplatFormat source = detect_splat_format(options.from);
   const std::string format = target_format(options, source);
   if ((!options.distill.empty() || options.series > 0) &&
@@ -271,15 +260,13 @@ int run(ConvertOptions& options) {
   }
   if (!options.conditioning.empty() && (source != SplatFormat::ubs || format != "ubs"))
     fail(ErrorKind::usage, "--conditioning is of our models as our models");
-  if (source != SplatFormat::ubs && format != "ubs" && (source == SplatFormat::dbs) != (format == "dbs"))
+  if (source == SplatFormat::dbs && format != "ubs" && format != "dbs")
     fail(ErrorKind::usage,
-         "{}: DBS holds Beta splats, other formats Gaussians: convert it to a .ply with --import beta first, "
-         "and that to {}",
-         options.from, format);
-  const bool imports = source != SplatFormat::ubs && format == "ubs";
+         "{}: DBS holds Beta splats, and {} Gaussians: convert it to a .ply first, and that to {}",
+         options.from, format, format);
+  if (source != SplatFormat::ubs && source != SplatFormat::dbs && format == "dbs")
+    fail(ErrorKind::usage, "{}: holds Gaussians, and a DBS file holds Beta splats", options.from);
   const bool exports = source == SplatFormat::ubs && format != "ubs" && format != "dbs";
-  if (!imports && (options.import.given() || options.dim_option->count() > 0))
-    fail(ErrorKind::usage, "--import, --support and --dim are of files of other tools as our models");
   if (!exports && options.time_option->count() + options.opacity_option->count() > 0)
     fail(ErrorKind::usage, "--time and --opacity are of exports of our models as Gaussians");
   if (options.split_given() && options.data.empty())
@@ -325,8 +312,6 @@ Command add_convert(CLI::App& root) {
                       "of an exported splat, over the directions: mean, weighted or max [mean]")
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
-  options->dim_option =
-      app->add_option("--dim", options->dim, "dimensions N with --import beta [3]")->type_name("N");
   app->add_option(
          "--data", options->data,
          "data folder: the loss is measured on it, directions are averaged over its training cameras")

@@ -26,10 +26,8 @@ namespace {
 
 struct InfoOptions {
   explicit InfoOptions(CLI::App& app)
-      : import(app),
-        settings(app, {"layout", "images", "principal_point", "downscale", "test_every", "frames",
+      : settings(app, {"layout", "images", "principal_point", "downscale", "test_every", "frames",
                        "cache_folder", "allow_outside"}) {}
-  ImportChoice import;
   SettingsOptions settings;  // how data are read
   std::string model;
   bool json = false;
@@ -131,8 +129,8 @@ Json describe_clamps(const MixedModel& model) {
       {"beta", beta}, {"spatial_scale", spatial_scale}, {"query_scale", query_scale}, {"coupled", coupled}};
 }
 
-Json describe_model(const std::string& path, const ImportOptions& import) {
-  const LoadedModel loaded = load_splat_model(path, import);
+Json describe_model(const std::string& path) {
+  const LoadedModel loaded = load_splat_model(path);
   const MixedModel& model = loaded.model;
   const ParameterLayout layout = model.groups.front().layout();
   const std::vector<double> opacity = activated(
@@ -268,11 +266,9 @@ int run(InfoOptions& options) {
   const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
   const bool run = is_folder(options.model) && path_exists(of_run);
   const bool data = !run && is_data(options.model);
-  if (data && options.import.given())
-    fail(ErrorKind::usage, "--import and --support are of models, {} is data", options.model);
   if (data) return run_data(options);
   options.settings.limit({""}, fmt::format("is of data, {} is a model", options.model));
-  const Json info = describe_model(run ? of_run.string() : options.model, options.import.options());
+  const Json info = describe_model(run ? of_run.string() : options.model);
   if (options.json) {
     print_json(info);
     return 0;
@@ -315,7 +311,7 @@ int run(InfoOptions& options) {
 
 Command add_info(CLI::App& root) {
   CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
-  const auto options = std::make_shared<InfoOptions>(*app);
+  const auto options = std::make_shared<InfoOptions>();
   app->add_option(
          "model", options->model,
          "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")

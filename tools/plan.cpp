@@ -26,9 +26,8 @@ namespace ubs::tools {
 namespace {
 
 struct PlanOptions {
-  explicit PlanOptions(CLI::App& app) : settings(app), import(app) {}
+  explicit PlanOptions(CLI::App& app) : settings(app) {}
   SettingsOptions settings;
-  ImportChoice import;
   std::string data, model, split = "test", device;
   bool depth = false, json = false;
   std::vector<int> ranks;
@@ -55,7 +54,7 @@ int plan_render(PlanOptions& options) {
   options.settings.limit(drawing_keys(), "is of a training: leave out --model");
   options.settings.resolve();  // what is wrong with them is said before the model is read
   const RunData run = use_run_data(options.model, options.data);
-  const LoadedModel loaded = open_model(options.model, options.import.options());
+  const LoadedModel loaded = open_model(options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   const Split split =
       open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, run.opened);
@@ -222,8 +221,7 @@ Command add_plan(CLI::App& root) {
                        "plan the drawing of this model, or of a run's, instead of a training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
-  for (const char* drawing : {"--split", "--depth", "--import", "--support"})
-    app->get_option(drawing)->needs(model);
+  for (const char* drawing : {"--split", "--depth"}) app->get_option(drawing)->needs(model);
   add_device_option(*app, options->device);
   CLI::Option* ranks =
       app->add_option(

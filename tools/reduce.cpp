@@ -35,9 +35,8 @@ constexpr int kSearchSteps = 9;                      // the bound is then known 
 constexpr std::size_t kTimedViews = 40;
 
 struct ReduceOptions {
-  explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()), import(app) {}
+  explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()) {}
   SettingsOptions settings;
-  ImportChoice import;
   RunData run;
   std::string model, data, out, device, effects, only = "all";
   double bound = -1, max_loss_db = 0.05;
@@ -54,7 +53,7 @@ class Session {
  public:
   explicit Session(const ReduceOptions& options)
       : options_(options),
-        loaded_(open_model(options.model, options.import.options())),
+        loaded_(open_model(options.model)),
         settings_(drawing_settings(options.settings, loaded_, options.model, options.run)),
         data_(open_dataset(options.run.opened, options.data, {"train", "test"}, settings_, Images::load)),
         train_(take(data_, "train")),

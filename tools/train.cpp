@@ -91,9 +91,9 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     keeper.save(state, settings);
   };
   trainer.on_state({interval.iterations, interval.seconds, save});
-  trainer.on_nonfinite([&](const NonFiniteEvent& event) {
+  trainer.on_nonfinite([&](const std::string& message) {
     progress.finish();
-    keeper.report(event, "train");
+    if (folder.writes()) warn("{}", message);
   });
   try {
     const Outcome outcome = train(trainer, folder, progress, guard, live);
@@ -325,9 +325,8 @@ int run(const TrainOptions& options) {
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
-  const std::vector<std::string> comments = model_comments(data, settings, train_split);
   const double budget_seconds = run.budget.seconds;
-  RunKeeper keeper(folder, std::move(run), comments, start.checkpoint ? trainer.iteration() : -1);
+  RunKeeper keeper(folder, std::move(run), start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet || !ranks().first());
   std::optional<serve::LiveTraining> live;
   if (server)

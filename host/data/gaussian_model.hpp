@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Splats of other tools as a model of the form that they were trained with, and back: Gaussians (or Beta
 // splats of DBS) with quaternions and spherical harmonics are a variant of the method (docs/variants.md), so
-// neither way changes what is drawn. import_splats.hpp has the mapping to the published form instead.
+// neither way changes what is drawn.
 #pragma once
 
 #include "host/data/imported_splats.hpp"

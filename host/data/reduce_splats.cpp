@@ -12,6 +12,8 @@
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/scene/slice.hpp"
+#include "kernels/dialect/dialect.h"
+#include "kernels/limits.h"
 
 namespace ubs {
 namespace {
@@ -66,21 +68,23 @@ void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bo
   out.opacity_logits[i] = logit_of(r.opacity);
 }
 
-}  // namespace
+// Nothing to fix and to average: any form of N = 3 has the axes of its splats, and the kernel alone is
+// another.
+ImportedSplats with_gaussian_kernel(const SplatModel& model) {
+  ImportedSplats out = foreign_splats(model);
+  for (std::size_t i = 0; i < out.betas.size(); ++i) {
+    const double ratio = support_ratio(4 * std::exp(std::min(double{out.betas[i]}, UBS_BETA_RAW_MAX)));
+    for (float& scale : out.log_scales[i]) scale -= static_cast<float>(std::log(ratio));
+  }
+  out.betas.clear();
+  out.kernel = SpatialKernel::gaussian;
+  return out;
+}
 
-double support_ratio(double beta) { return std::sqrt(2 * beta + 1.49); }
-
-ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options) {
-  if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
-    fail(ErrorKind::usage, "reduction '{}': choose mean, weighted or max", options.opacity);
-  if (!Slicer::knows(model.variant))
-    fail(ErrorKind::usage,
-         "models of the form '{}' cannot be reduced to Gaussians: published form, any kernel and colour",
-         to_string(model.variant));
+ImportedSplats averaged(const SplatModel& model, const ReduceOptions& options) {
   const ParameterLayout layout = model.layout();
   const bool gaussian = model.variant.kernel == SpatialKernel::gaussian;
-  const bool directional = layout.query >= 3,
-             timed = layout.query == 1 || layout.query == 2 || layout.query >= 4;
+  const bool directional = layout.query >= 3, timed = layout.query != 3;
   const std::size_t time_at = directional ? 3 : 0;
   ImportedSplats out;
   out.sh_degree = harmonic_degree(model.variant);
@@ -113,6 +117,21 @@ ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& optio
       copy_colour(model, i, out);
     }
   });
+  return out;
+}
+
+}  // namespace
+
+double support_ratio(double beta) { return std::sqrt(2 * beta + 1.49); }
+
+ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options) {
+  if (options.opacity != "mean" && options.opacity != "weighted" && options.opacity != "max")
+    fail(ErrorKind::usage, "reduction '{}': choose mean, weighted or max", options.opacity);
+  if (model.dim > 3 && !Slicer::knows(model.variant))
+    fail(ErrorKind::usage,
+         "models of the form '{}' cannot be reduced to Gaussians: published form, any kernel and colour",
+         to_string(model.variant));
+  ImportedSplats out = model.dim == 3 ? with_gaussian_kernel(model) : averaged(model, options);
   for (std::size_t i = 0; i < out.count(); ++i)
     if (sigmoid_of(out.opacity_logits[i]) < options.least_opacity)
       out.opacity_logits[i] = std::numeric_limits<float>::quiet_NaN();

@@ -28,7 +28,7 @@ struct ReduceOptions {
 // sigma = support / ratio: fits the min-max optima of method.md 2.7 within 0.5% (beta 4, 6.6, 10.9, 29.6).
 double support_ratio(double beta);
 
-// Throws Error(usage) for forms of the method that Slicer does not know.
+// Throws Error(usage) for forms of more than three dimensions that Slicer does not know.
 ImportedSplats reduce_splats(const SplatModel& model, const ReduceOptions& options = {});
 
 }  // namespace ubs

@@ -111,29 +111,7 @@ std::vector<std::string> read_remarks(const ImportedSplats& splats) {
   return remarks;
 }
 
-std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported) {
-  const std::size_t n = splats.count();
-  std::vector<std::string> remarks{fmt::format("{}: {} splats imported, support radius {:.4g} sigma",
-                                               splats.report.layout, n, imported.support)};
-  for (std::string& remark : read_remarks(splats)) remarks.push_back(std::move(remark));
-  if (splats.lobes > 0) remarks.push_back("the spherical Beta lobes of the colours are lost");
-  if (imported.harmonics_lost)
-    remarks.push_back(fmt::format(
-        "harmonics of degree 1 to {} lost: colours no longer change with the direction", splats.sh_degree));
-  remarks.push_back(imported.inexact == 0
-                        ? "all covariances represented exactly"
-                        : fmt::format("{} covariances ({:.1f}%) only nearly representable: whitened error "
-                                      "median {:.3f}, worst {:.3f}",
-                                      imported.inexact,
-                                      100.0 * static_cast<double>(imported.inexact) / static_cast<double>(n),
-                                      imported.median_error, imported.worst_error));
-  if (splats.kernel == SpatialKernel::gaussian)
-    remarks.push_back(fmt::format("for the blur of Gaussian rasterisers draw it with --eps2d {:.4g}",
-                                  imported.matching_eps2d()));
-  return remarks;
-}
-
-LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options) {
+LoadedModel load_splat_model(const fs::path& path) {
   LoadedModel loaded;
   loaded.format = detect_splat_format(path);
   if (loaded.format == SplatFormat::ubs) {
@@ -148,19 +126,8 @@ LoadedModel load_splat_model(const fs::path& path, const ImportOptions& options)
   const ImportedSplats splats = read_foreign_splats(path);
   loaded.offset = splats.offset;
   if (splats.offset != std::array<double, 3>{}) loaded.comments = {make_offset_comment(splats.offset)};
-  if (options.form == ImportForm::exact) {
-    if (options.dim != 3)
-      fail(ErrorKind::usage,
-           "{}: N = {} needs --import beta; exact models of other tools have three dimensions", path.string(),
-           options.dim);
-    loaded.model = exact_model(splats);
-    loaded.remarks = read_remarks(splats);
-    return loaded;
-  }
-  ImportedModel imported = import_splats(splats, options);
-  loaded.remarks = import_remarks(splats, imported);
-  if (splats.kernel == SpatialKernel::gaussian) loaded.eps2d = imported.matching_eps2d();
-  loaded.model = std::move(imported.model);
+  loaded.model = exact_model(splats);
+  loaded.remarks = read_remarks(splats);
   return loaded;
 }
 

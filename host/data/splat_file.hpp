@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Model files of any known format, recognised by content: our own and the published one as they are,
-// files of other tools through the importers. What the import changes is told in words.
+// files of other tools in the form that they were trained with (gaussian_model.hpp).
 #pragma once
 
 #include <array>
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "host/data/import_splats.hpp"
 #include "host/data/imported_splats.hpp"
 #include "host/data/model_notes.hpp"
 #include "host/scene/mixed_model.hpp"
@@ -30,16 +28,13 @@ struct LoadedModel {
   std::vector<std::string> comments;      // that a file of ours with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
   ModelNotes notes;                       // of a file of ours
-  std::vector<std::string> remarks;       // what an import dropped, changed, and advises
-  std::optional<double> eps2d;            // advised blur of an import with ImportForm::beta
+  std::vector<std::string> remarks;       // what reading a file of another tool dropped and noticed
 };
 
-// The one way from a file to a model. Files of other tools: exactly, in the form that they were trained with,
-// or as the published form (options.form). Throws Error(usage) for dimensions above 3 with the former.
-LoadedModel load_splat_model(const std::filesystem::path& path, const ImportOptions& options = {});
+// The one way from a file to a model.
+LoadedModel load_splat_model(const std::filesystem::path& path);
 
-// What reading dropped and noticed, and what the mapping to the published form costs, in words.
+// What reading dropped and noticed, in words.
 std::vector<std::string> read_remarks(const ImportedSplats& splats);
-std::vector<std::string> import_remarks(const ImportedSplats& splats, const ImportedModel& imported);
 
 }  // namespace ubs

@@ -432,16 +432,12 @@ Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   return j;
 }
 
-// Upper triangle of V, mirrored: the lower entries of the general V are not used at all. Mode `sym`: the mean
-// of both.
+// Upper triangle of V, mirrored: the lower entries of the general V are not used at all.
 template <class S>
-Matrix<S> symmetric(const Matrix<S>& v, CovMode mode = CovMode::upper) {
+Matrix<S> symmetric(const Matrix<S>& v) {
   Matrix<S> result = v;
   for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < i; ++j) {
-      if (mode == CovMode::sym) result(j, i) = 0.5 * (v(i, j) + v(j, i));
-      result(i, j) = result(j, i);
-    }
+    for (int j = 0; j < i; ++j) result(i, j) = result(j, i);
   return result;
 }
 
@@ -550,7 +546,7 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   if (!(value(p[2]) >= options.near_plane && value(p[2]) <= options.far_plane)) return result;
   result.in_range = true;
   const Matrix<S> jw = projection_jacobian(p, camera) * world_to_camera;
-  Matrix<S> b = jw * symmetric(conditioned.covariance, options.variant.cov_mode) * jw.transposed();
+  Matrix<S> b = jw * symmetric(conditioned.covariance) * jw.transposed();
   const S sharp_det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
   b(0, 0) += S(options.eps2d), b(1, 1) += S(options.eps2d);
   const S det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);

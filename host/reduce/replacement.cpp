@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "host/data/covariance_axes.hpp"
-#include "host/data/skew_rotation.hpp"
+#include "host/reduce/skew_rotation.hpp"
 #include "host/scene/slice.hpp"
 
 namespace ubs::reduce {

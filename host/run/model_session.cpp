@@ -10,8 +10,8 @@
 
 namespace ubs {
 
-LoadedModel open_model(const std::string& path, const ImportOptions& import) {
-  LoadedModel loaded = load_splat_model(path, import);
+LoadedModel open_model(const std::string& path) {
+  LoadedModel loaded = load_splat_model(path);
   for (const std::string& remark : loaded.remarks) warn("{}", remark);
   return loaded;
 }

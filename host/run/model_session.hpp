@@ -13,8 +13,8 @@
 
 namespace ubs {
 
-// A model file of any format; what an import changed is logged as warnings.
-LoadedModel open_model(const std::string& path, const ImportOptions& import = {});
+// A model file of any format; what reading it dropped and noticed is logged as warnings.
+LoadedModel open_model(const std::string& path);
 
 // The defaults, and in their place how the model says that it wants to be drawn. Throws Error(data) that
 // starts with `path` for notes that make no sense.

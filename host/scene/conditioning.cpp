@@ -230,12 +230,7 @@ Reconditioned to_direct(const SplatModel& model) {
     const Block gain = s.l.variant.cov_mode == CovMode::whiten
                            ? cross * inverse.transposed() * diagonal(w, 1) * inverse
                            : cross * precision * diagonal(w, 1);
-    Block covariance = plus(m * m.transposed(), -1, gain * cross.transposed());
-    if (s.l.variant.cov_mode == CovMode::sym) {
-      const Block other = covariance.transposed();
-      covariance = plus(plus(covariance, -0.5, covariance), 0.5, other);
-    }
-    covariance = mirrored_upper(covariance);
+    const Block covariance = mirrored_upper(plus(m * m.transposed(), -1, gain * cross.transposed()));
     const Block frame = lower_factor(covariance, least_axis(covariance), indefinite);
     out.indefinite += indefinite;
     const bool weighted = out.model.variant.beta_cond == BetaCond::on;

@@ -16,7 +16,7 @@ enum class RotMode { taylor1, taylor2, cayley, exp, quaternion };
 enum class CovParam { spatial_ortho, cholesky, skew_nd };
 enum class BetaCond { on, off };
 enum class BetaOpacity { tanh, none, gaussian };
-enum class CovMode { upper, sym, whiten };
+enum class CovMode { upper, whiten };
 enum class SpatialKernel { beta, gaussian };
 enum class ColourMode { rgb, sh0, sh1, sh2, sh3, sb1, sb2, sb3 };
 enum class Antialias { off, on };
@@ -57,7 +57,7 @@ inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
     {"cov_param", "UBS_COV_PARAM", "spatial_ortho|cholesky|skew_nd"},
     {"beta_cond", "UBS_BETA_COND", "on|off"},
     {"beta_opacity", "UBS_BETA_OPACITY", "tanh|none|gaussian"},
-    {"cov_mode", "UBS_COV_MODE", "upper|sym|whiten"},
+    {"cov_mode", "UBS_COV_MODE", "upper|whiten"},
     {"kernel", "UBS_FALLOFF", "beta|gaussian"},
     {"colour", "UBS_COLOUR", "rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3"},
     {"antialias", "UBS_ANTIALIAS", "off|on"},

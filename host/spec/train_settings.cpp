@@ -71,7 +71,7 @@ const Field<S> kFields[] = {
      1, false, variant_values("beta_cond")},
     {"beta_opacity", "opacity at the query: (1 - tanh)^beta, unchanged, or exp(-0.35 y.y)",
      &form<&ModelVariant::beta_opacity>, -1, 1, false, variant_values("beta_opacity")},
-    {"cov_mode", "asymmetric conditional covariance: upper triangle, symmetric part, or whitened weights",
+    {"cov_mode", "asymmetric conditional covariance: upper triangle, or whitened weights",
      &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
     {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting",
      &form<&ModelVariant::kernel>, -1, 1, false, variant_values("kernel")},

@@ -34,7 +34,6 @@ Form random_form(Random& r) {
   constexpr int kDims[] = {3, 4, 5, 6, 6, 7, 7};
   if (chance(r, 0.85)) return {kDims[pick(r, std::size(kDims))], {}};
   const Form forms[] = {{6, {.cov_mode = CovMode::whiten}},
-                        {7, {.cov_mode = CovMode::sym}},
                         {6, {.conditioning = Conditioning::direct}},
                         {7, {.conditioning = Conditioning::direct}},
                         {3, {.rot_mode = RotMode::quaternion}},

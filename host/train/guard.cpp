@@ -14,23 +14,21 @@ namespace {
 // query scales 1.
 constexpr float kDeadOpacity = -20, kDeadScale = -10, kUnitScale = 0.541325f;
 
-bool row_bad(const std::vector<float>& values, std::size_t row, std::size_t count, std::size_t i) {
-  const std::size_t at = row * count + i;
-  return at < values.size() && !std::isfinite(values[at]);
-}
-
-std::vector<float> column(const std::vector<float>& values, std::size_t count, std::size_t i) {
-  std::vector<float> all;
-  for (std::size_t at = i; at < values.size(); at += count) all.push_back(values[at]);
-  return all;
-}
-
 float dead_value(const ParameterLayout& layout, int row, float present) {
   if (row < layout.rgb) return std::isfinite(present) ? present : 0.0f;
   if (row == layout.opacity) return kDeadOpacity;
   if (row >= layout.scale && row < layout.l_triangle) return row < layout.scale + 3 ? kDeadScale : kUnitScale;
   const bool quaternion = layout.variant.rot_mode == RotMode::quaternion;
   return quaternion && row == layout.l_triangle ? 1.0f : 0.0f;
+}
+
+std::string summary(const NonFiniteEvent& event, const TrainingViews& views) {
+  std::string text = fmt::format("not finite at iteration {}, stage {}", event.iteration, event.source.stage);
+  if (const std::int64_t view = event.source.view; view >= 0)
+    text += fmt::format(", view '{}'", views.train().views[static_cast<std::size_t>(view)].name);
+  if (!event.splats.empty()) text += fmt::format(", splat {}", event.splats.front());
+  if (event.splats.size() > 1) text += fmt::format(" (and {} splats more)", event.splats.size() - 1);
+  return text;
 }
 
 }  // namespace
@@ -47,34 +45,6 @@ std::vector<std::uint32_t> splats_not_finite(const TrainState& state) {
   return splats;
 }
 
-void describe_splat(const TrainState& state, NonFiniteEvent& event) {
-  if (event.splats.empty()) return;
-  const std::size_t count = state.model.count, i = event.splats.front();
-  event.splat = static_cast<std::int64_t>(i);
-  event.raw = column(state.model.values, count, i);
-  event.moment1 = column(state.moment1, count, i);
-  event.moment2 = column(state.moment2, count, i);
-  const bool all_rows = state.moment1.size() == state.model.values.size();  // no group is frozen
-  const std::vector<std::string> names = state.model.layout().property_names();
-  for (std::size_t r = 0; r < names.size() && event.parameter.empty(); ++r)
-    if (row_bad(state.model.values, r, count, i) ||
-        (all_rows && (row_bad(state.moment1, r, count, i) || row_bad(state.moment2, r, count, i))))
-      event.parameter = names[r];
-}
-
-SplatModel undo_adam(const TrainState& state, const AdamUndo& step) {
-  SplatModel model = state.model;
-  if (state.moment1.size() != model.values.size()) return model;
-  for (std::size_t at = 0; at < model.values.size(); ++at) {
-    const double m1 = state.moment1[at], m2 = state.moment2[at];
-    if (!std::isfinite(m1) || !std::isfinite(m2)) continue;
-    const double size = std::sqrt(m2) * step.inverse_sqrt_bias2 + step.epsilon;
-    const double rate = step.learning_rates[at / model.count];
-    model.values[at] = static_cast<float>(model.values[at] + rate * step.inverse_bias1 * m1 / size);
-  }
-  return model;
-}
-
 void kill_splats(TrainState& state, const std::vector<std::uint32_t>& splats) {
   SplatModel& model = state.model;
   const ParameterLayout layout = model.layout();
@@ -84,19 +54,6 @@ void kill_splats(TrainState& state, const std::vector<std::uint32_t>& splats) {
       for (std::size_t at = i; at < moments->size(); at += model.count) (*moments)[at] = 0;
   }
   state.dropped += splats.size();
-}
-
-std::string summary(const NonFiniteEvent& event) {
-  std::string text = fmt::format("not finite at iteration {}", event.iteration);
-  if (event.view >= 0) text += fmt::format(", view '{}' (train {})", event.view_name, event.view);
-  if (event.splat >= 0) {
-    text += fmt::format(", splat {}", event.splat);
-    if (!event.parameter.empty()) text += fmt::format(", parameter {}", event.parameter);
-    if (event.splats.size() > 1) text += fmt::format(" (and {} splats more)", event.splats.size() - 1);
-  }
-  text += fmt::format(", stage {}", event.stage);
-  if (!event.where.empty()) text += fmt::format(": {}", event.where);
-  return text;
 }
 
 Guard::Guard(Device& device, OnNan on_nan) : on_nan_(on_nan) {
@@ -138,37 +95,32 @@ void Guard::restart(const TrainState& state) {
   keep(state);
 }
 
-void Guard::tell(NonFiniteEvent& event, std::string action) {
-  event.action = std::move(action);
-  if (report_) report_(event);
-}
-
-void Guard::stop(NonFiniteEvent& event, const std::string& why) {
-  tell(event, why);
-  fail(ErrorKind::numerical, "{}; {}", summary(event), why);
-}
-
-TrainState Guard::answer(NonFiniteEvent event, TrainState s, TrainingViews& views) {
+TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingViews& views) {
+  const auto stop = [&](const std::string& why) {
+    fail(ErrorKind::numerical, "{}; {}", summary(event, views), why);
+  };
+  const auto go_on = [&](const std::string& how) {
+    if (report_) report_(fmt::format("{}; {}", summary(event, views), how));
+  };
   const std::uint64_t first = views.first_draw(event.iteration), end = first + views.batch();
   if (on_nan_ == OnNan::rollback) {
-    if (s.rollbacks >= kMaxRollbacks) stop(event, fmt::format("stopped after {} rollbacks", s.rollbacks));
-    tell(event,
-         fmt::format("back to iteration {}, this view left out when its turn comes", good_->iteration));
+    if (s.rollbacks >= kMaxRollbacks) stop(fmt::format("stopped after {} rollbacks", s.rollbacks));
+    go_on(fmt::format("back to iteration {}, this view left out when its turn comes", good_->iteration));
     TrainState next = *good_;
     next.seconds = s.seconds;  // they were spent
     next.rollbacks = s.rollbacks + 1;
     next.skipped_draws = std::move(s.skipped_draws);
     for (std::uint64_t draw = first; draw < end; ++draw)
-      if (event.view < 0 || views.view_of(draw) == static_cast<std::uint32_t>(event.view))
+      if (event.source.view < 0 || views.view_of(draw) == static_cast<std::uint32_t>(event.source.view))
         next.skipped_draws.insert(draw);
     return next;
   }
-  if (on_nan_ != OnNan::drop || event.splats.empty()) stop(event, "stopped");
+  if (on_nan_ != OnNan::drop || event.splats.empty()) stop("stopped");
   const auto most = std::max<std::uint64_t>(
       kFewDropped, static_cast<std::uint64_t>(kMaxDroppedShare * static_cast<double>(s.model.count)));
   if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
-    stop(event, fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
-  tell(event, fmt::format("{} splats made dead", event.splats.size()));
+    stop(fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
+  go_on(fmt::format("{} splats made dead", event.splats.size()));
   kill_splats(s, event.splats);
   for (std::uint64_t draw = first; draw < end; ++draw)  // their losses may not be finite either
     s.skipped_draws.insert(draw);

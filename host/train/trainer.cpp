@@ -8,7 +8,7 @@
 #include "host/base/error.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frozen_groups.hpp"
-#include "host/train/inquest.hpp"
+#include "host/train/nonfinite_source.hpp"
 
 namespace ubs {
 namespace {
@@ -606,35 +606,27 @@ void Trainer::save_state() {
 bool Trainer::look() {
   if (guard_.look(progress_)) return true;
   TrainState s = state(true);
-  NonFiniteEvent event;
-  event.iteration = progress_.iteration;
-  event.splats = splats_not_finite(s);
-  describe_splat(s, event);
+  NonFiniteEvent event{progress_.iteration, {}, splats_not_finite(s)};
   use_level_of(event.iteration);
-  find_cause(device_, *stages_, views_, render_settings(), rates(), s, event);
-  answer(std::move(event), std::move(s));
+  event.source = find_nonfinite_source(device_, *stages_, views_, render_settings(), s);
+  answer(event, std::move(s));
   return false;
 }
 
+// The loss alone: look() has found parameters and moments finite.
 void Trainer::loss_not_finite(std::uint64_t draw) {
   const std::uint32_t view = views_.view_of(draw);
-  NonFiniteEvent event;
-  event.iteration = static_cast<int>(draw / views_.batch()) + 1;
+  const int iteration = static_cast<int>(draw / views_.batch()) + 1;
   if (settings_.on_nan == OnNan::off)
     fail(ErrorKind::numerical,
-         "the loss is not finite at iteration {}, view '{}'; try smaller learning rates", event.iteration,
+         "the loss is not finite at iteration {}, view '{}'; try smaller learning rates", iteration,
          views_.train().views[view].name);
-  TrainState s = state(true);
-  use_level_of(event.iteration);
-  find_cause(device_, *stages_, views_, render_settings(), rates(), s, event);
-  event.view = view;
-  event.view_name = views_.train().views[view].name;
-  answer(std::move(event), std::move(s));
+  answer({iteration, {"image_loss", view}, {}}, state(true));
 }
 
-void Trainer::answer(NonFiniteEvent event, TrainState s) {
+void Trainer::answer(const NonFiniteEvent& event, TrainState s) {
   whole_ = false;  // where this ends the run, the last good state is the one handed out last
-  restore(guard_.answer(std::move(event), std::move(s), views_));
+  restore(guard_.answer(event, std::move(s), views_));
 }
 
 }  // namespace ubs

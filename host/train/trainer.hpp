@@ -92,8 +92,8 @@ class Trainer {
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
   void on_state(StateSaving saving) { saving_ = std::move(saving); }
-  // Called for every value that is not finite, before training stops or goes on.
-  void on_nonfinite(std::function<void(const NonFiniteEvent&)> report) { guard_.on_event(std::move(report)); }
+  // Called with a message for every value that is not finite after which training goes on.
+  void on_nonfinite(std::function<void(const std::string&)> report) { guard_.on_event(std::move(report)); }
 
   SplatModel model() const;                       // all ranks; the first one gets it
   DeviceModel& device_model() { return model_; }  // of this rank
@@ -180,7 +180,7 @@ class Trainer {
   std::vector<FittedCamera> fit_cameras(const Split& split, std::size_t first, bool fits);
   bool look();  // true when all is finite; else has done what settings.on_nan says, and may have gone back
   void loss_not_finite(std::uint64_t draw);
-  void answer(NonFiniteEvent event, TrainState state);
+  void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;  // where a time budget sets the speed of the run
   void set_pace();
   bool save_due() const;

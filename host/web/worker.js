@@ -363,7 +363,7 @@ function prepare(group, s) {
     let entry = 6 * i;
     for (let r = 0; r < 3; ++r)
       for (let c = r; c < 3; ++c)
-        covariance[entry++] = s.cov_mode === 'upper' || r === c ? V(r, c) : 0.5 * (V(r, c) + V(c, r));
+        covariance[entry++] = V(r, c);
   }
   return {C, n, at, stride, fixed, covariance, harmonics: l.harmonics, lobes: l.lobes};
 }

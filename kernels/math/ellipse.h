@@ -18,7 +18,7 @@
 enum {
   kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // K is other than the identity
   // K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
-  kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN & (UBS_COV_MODE == UBS_COV_UPPER),
+  kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
 // Symmetric 2 x 2.

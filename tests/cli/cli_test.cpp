@@ -127,14 +127,12 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
 // Each ran, with exit code 0, as if the option were not there.
 TEST_CASE("cli: an option without what it belongs to is refused") {
   const TempFolder folder;
-  for (const char* arguments :
-       {"plan d --depth", "plan d --split train", "plan d --support 3", "plan d --import beta"})
+  for (const char* arguments : {"plan d --depth", "plan d --split train"})
     check_error(folder, arguments, 2, "requires --model");
   put(folder / "m.ply", "a model");
   check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations is of a training");
   check_error(folder, "plan d --model m.ply --set dim=3", 2, "unknown key 'dim'");
   check_error(folder, "info m.ply --allow-outside", 2, "--allow-outside is of data");
-  check_error(folder, "info . --import beta", 2, "--import and --support are of models");
   check_error(folder, "render m.ply --out o --split test", 2, "--split is of data");
   fs::remove(folder / "m.ply");
   check_error(folder, "train d --any-device", 2, "--any-device requires --resume");
@@ -143,8 +141,6 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   for (const char* arguments :
        {"reduce m d --out o --bound 0.1 --max-loss-db 1", "reduce m d --out o --lossless --max-loss-db 1"})
     check_error(folder, arguments, 2, "--max-loss-db excludes");
-  for (const char* arguments : {"render m --out o", "reduce m d --out o", "eval m d"})
-    check_error(folder, fmt::format("{} --support 3", arguments), 2, "--support belongs to --import beta");
   for (const char* option :
        {"--run x", "--list", "--seed 1", "--cases 1", "--first 1", "--json j", "--out o"})
     check_error(folder, fmt::format("stress --replay r {}", option), 2, "excludes");

@@ -148,7 +148,7 @@ void make_glaring(const fs::path& checkpoint, const fs::path& data) {
   write_checkpoint(checkpoint, c);
 }
 
-TEST_CASE("cli: a value that is not finite stops with 7, a report and its reproducer") {
+TEST_CASE("cli: a value that is not finite stops with 7 and names iteration and stage") {
   const test::LenientKernels kernels;
   const TempFolder folder;
   synthesise(folder);
@@ -161,21 +161,8 @@ TEST_CASE("cli: a value that is not finite stops with 7, a report and its reprod
   CHECK(result.err.find("ubs: error: not finite at iteration") != std::string::npos);
   CHECK(result.err.find("is kept: ubs train --resume run") != std::string::npos);
   CHECK(get(folder / "run/checkpoint.ubs") == bytes);
-  std::size_t reports = 0;
-  for (const auto& entry : fs::directory_iterator(folder / "run/nonfinite")) {
-    if (entry.path().extension() != ".json") continue;
-    ++reports;
-    const json report = json::parse(get(entry.path()));
-    CHECK(report["splat"].get<int>() >= 0);
-    CHECK(report["raw"].size() == 35);
-    CHECK(report["gradient"].size() == 35);
-    CHECK(report["replaced_by_zero"] == 0);
-    CHECK((report["stage"] == "image_loss" || report["stage"] == "raster_forward"));
-    const Result again = run_ubs(folder, report["reproduce"].get<std::string>().substr(4));
-    INFO(again.err);
-    CHECK(again.code == 7);
-  }
-  CHECK(reports == 1);
+  CHECK(
+      (test::contains(result.err, "stage image_loss") || test::contains(result.err, "stage raster_forward")));
   // Without the splat the run comes to its end, unless by where it was interrupted others are as bad.
   const Result dropped = run_ubs(folder, "train --resume run --quiet --on-nan drop");
   INFO(dropped.err);

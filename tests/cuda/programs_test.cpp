@@ -44,7 +44,6 @@ std::vector<KernelConfig> configurations() {
     if (names.contains(v.name))
       all.push_back({.dim = v.dim, .query_grad = v.query_grad, .variant = v.variant});
   for (std::size_t i = 0; i < 3; ++i) all[i].dim = 4;  // the rotations
-  all[0].variant.cov_mode = CovMode::sym;
   all[1].variant.beta_opacity = BetaOpacity::none;
   all[1].variant.colour = ColourMode::sh0;
   all[2].variant.colour = ColourMode::sh1;

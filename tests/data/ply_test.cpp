@@ -115,7 +115,7 @@ TEST_CASE("ply: comments go out and come back", "[ply]") {
   back.clear();
   read_splat_ply(folder / "b.ply", &back);
   CHECK(back == paths);
-  const std::vector<std::string> switch_like{"ubs cov_mode sym"};
+  const std::vector<std::string> switch_like{"ubs cov_mode whiten"};
   CHECK_THAT(message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); },
                         ErrorKind::internal),
              Contains("read as a switch"));

@@ -1,18 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splat files of other tools: the covariance solver, every reader and writer, damage, real files, and the
-// reduction of our splats to Gaussians.
+// Splat files of other tools: every reader and writer, damage, real files, and the reduction of our splats to
+// Gaussians.
 #include <sys/mman.h>
 
 #include <algorithm>
 #include <cstring>
-#include <numbers>
 
 #include "host/base/file.hpp"
 #include "host/data/foreign_formats.hpp"
-#include "host/data/import_splats.hpp"
+#include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
-#include "host/data/skew_rotation.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/data/ubsz.hpp"
 #include "host/scene/initialise.hpp"
@@ -23,53 +21,6 @@
 using namespace ubs;
 using namespace ubs::test;
 using Catch::Contains;
-
-namespace {
-
-Mat3 covariance_of(const SkewFactors& f) {
-  const auto [a0, a1, a2] = f.skew();
-  const Mat3 r{{{1, a0, a1}, {-a0, 1, a2}, {-a1, -a2, 1}}};
-  Mat3 c{};
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j)
-      for (std::size_t k = 0; k < 3; ++k) c[i][j] += r[i][k] * r[j][k] * f.scale[k] * f.scale[k];
-  return c;
-}
-
-}  // namespace
-
-TEST_CASE("skew rotation: covariances are met, or the misfit is what is reported", "[import]") {
-  const CounterRandom random(3, 7);
-  int inexact = 0;
-  double worst = 0, worst_exact = 0;
-  constexpr int kCount = 400;
-  for (std::uint32_t i = 0; i < kCount; ++i) {
-    const auto q = random_rotation(random, i);
-    std::array<double, 3> s{};
-    for (std::uint32_t k = 0; k < 3; ++k) s[k] = 0.02 * std::exp(random.normal(i, 8 + k));
-    const SkewFactors f = fit_skew_rotation(q, s);
-    REQUIRE(std::isfinite(f.error));
-    const double difference = relative_difference(covariance_of(q, s), covariance_of(f));
-    if (f.error > 1e-6) {
-      ++inexact;
-      worst = std::max(worst, f.error);
-    } else {
-      worst_exact = std::max(worst_exact, difference);
-    }
-  }
-  // method.md 2.1: 9% of ellipsoids with log scales of deviation 1 have no such form, worst misfit 0.55.
-  CHECK(inexact > kCount * 0.03);
-  CHECK(inexact < kCount * 0.14);
-  CHECK(worst < 1.1);
-  CHECK(worst_exact < 1e-6);
-}
-
-TEST_CASE("skew rotation: axis-aligned ellipsoids need no rotation", "[import]") {
-  const SkewFactors f = fit_skew_rotation({1, 0, 0, 0}, {0.1, 2, 3e-4});
-  CHECK(f.error < 1e-9);
-  for (std::size_t k = 0; k < 3; ++k) CHECK(std::abs(f.omega[k]) < 1e-9);
-  CHECK(f.scale[2] == Approx(3e-4));
-}
 
 TEST_CASE("formats: 3DGS PLY keeps every bit", "[formats]") {
   TempFolder folder;
@@ -104,12 +55,11 @@ TEST_CASE("formats: any order of properties, extra ones, DBS", "[formats]") {
   CHECK(s.rotations[0] == std::array<float, 4>{1, 0, 0, 0});
   CHECK(s.betas[0] == 0.7f);
   CHECK(s.report.notes.size() == 1);
-  const ImportedModel model = import_splats(s);
-  CHECK(model.support == 1);
-  const ParameterLayout l(3);
-  CHECK(model.model.row(l.beta)[0] == 0.7f);
-  CHECK(std::log1p(std::exp(model.model.row(l.scale + 1)[0])) == Approx(std::exp(-2.0)));
-  CHECK(model.model.row(l.rgb)[0] == Approx(0.5 + 0.28209479 * 0.1));
+  const SplatModel model = exact_model(s);
+  const ParameterLayout l = model.layout();
+  CHECK(model.row(l.beta)[0] == 0.7f);
+  CHECK(std::log1p(std::exp(model.row(l.scale + 1)[0])) == Approx(std::exp(-2.0)));
+  CHECK(model.row(l.rgb)[0] == 0.1f);
 }
 
 TEST_CASE("formats: SPZ and .splat return what they were given, within their quantisation", "[formats]") {
@@ -416,40 +366,65 @@ TEST_CASE("gzip: data of more than 4 GiB are seen whole", "[import]") {
   munmap(room, bytes);
 }
 
-TEST_CASE("import: opacity, support, neutral further dimensions", "[import]") {
-  const ImportedSplats splats = random_splats(30, 0);
-  const ImportedModel three = import_splats(splats, {.dim = 3, .support = 3.0});
-  CHECK(three.matching_eps2d() == Approx(2.7));
-  const ImportedModel six = import_splats(splats, {.dim = 6, .support = 3.0});
-  const ParameterLayout l(6);
-  CHECK(six.model.row(l.beta + 2)[4] == -8);
-  CHECK(six.model.row(l.opacity)[4] == splats.opacity_logits[4]);
-  CHECK(six.model.row(l.scale)[4] == three.model.row(ParameterLayout(3).scale)[4]);
-  for (int r = 3; r < l.count - l.l_triangle; ++r) CHECK(six.model.row(l.l_triangle + r)[4] == 0);
-  CHECK(message_of([&] { import_splats(splats, {.dim = 3, .support = 0.1}); }, ErrorKind::usage).size() > 0);
+// Published form: random rotations and scales, and further dimensions that have no influence.
+SplatModel neutral_model(std::size_t count, int dim) {
+  SplatModel model(dim, count);
+  const ParameterLayout l = model.layout();
+  const CounterRandom random(3, 7);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    for (std::uint32_t k = 0; k < 3; ++k) {
+      const int axis = static_cast<int>(k);
+      model.row(l.xyz + axis)[i] = static_cast<float>(random.uniform(i, k, -3, 3));
+      model.row(l.scale + axis)[i] = static_cast<float>(random.uniform(i, 4 + k, -5, -1));
+      model.row(l.l_triangle + axis)[i] = static_cast<float>(random.uniform(i, 8 + k, -1, 1));
+    }
+    model.row(l.opacity)[i] = static_cast<float>(random.uniform(i, 12, -3, 3));
+    model.row(l.beta)[i] = static_cast<float>(random.uniform(i, 13, -1, 2));
+    for (int q = 0; q < l.query; ++q) model.row(l.query_beta + q)[i] = -8;
+  }
+  return model;
 }
 
-TEST_CASE("reduce: what import makes of Gaussians comes back as the Gaussians", "[reduce]") {
-  const ImportedSplats splats = random_splats(200, 0);
+TEST_CASE("reduce: splats that the query does not change keep covariance and opacity", "[reduce]") {
+  const auto covariance = [](const ImportedSplats& s, std::size_t i) {
+    const auto& q = s.rotations[i];
+    return covariance_of(
+        {q[0], q[1], q[2], q[3]},
+        {std::exp(s.log_scales[i][0]), std::exp(s.log_scales[i][1]), std::exp(s.log_scales[i][2])});
+  };
   for (const int dim : {3, 4, 6, 7}) {
-    const ImportedModel imported = import_splats(splats, {.dim = dim, .support = support_ratio(4)});
-    const ImportedSplats back = reduce_splats(imported.model, {.time = 0.3});
-    REQUIRE(back.count() == splats.count());
-    int close = 0;
-    for (std::size_t i = 0; i < splats.count(); ++i) {
-      const auto sigma = [](const ImportedSplats& s, std::size_t k) {
-        const auto& q = s.rotations[k];
-        return covariance_of(
-            {q[0], q[1], q[2], q[3]},
-            {std::exp(s.log_scales[k][0]), std::exp(s.log_scales[k][1]), std::exp(s.log_scales[k][2])});
-      };
-      close += relative_difference(sigma(splats, i), sigma(back, i)) < 1e-4;
-      // The neutral betas leave factors of 0.998 to 1 (method.md 5.4).
-      CHECK(sigmoid_of(back.opacity_logits[i]) ==
-            Approx(sigmoid_of(splats.opacity_logits[i])).epsilon(0.006));
+    const SplatModel model = neutral_model(200, dim);
+    const ParameterLayout l = model.layout();
+    const ImportedSplats out = reduce_splats(model, {.time = 0.3});
+    REQUIRE(out.count() == model.count);
+    for (std::size_t i = 0; i < model.count; ++i) {
+      const Matrix3 m = spatial_factor(model, i).m;
+      const double support = support_ratio(4 * std::exp(model.row(l.beta)[i]));
+      Mat3 expected{};
+      for (std::size_t r = 0; r < 3; ++r)
+        for (std::size_t c = 0; c < 3; ++c)
+          for (std::size_t k = 0; k < 3; ++k) expected[r][c] += m[r][k] * m[c][k] / (support * support);
+      CHECK(relative_difference(expected, covariance(out, i)) < 1e-5);
+      // The neutral betas leave factors of 0.998 to 1.
+      CHECK(sigmoid_of(out.opacity_logits[i]) ==
+            Approx(sigmoid_of(model.row(l.opacity)[i])).epsilon(dim == 3 ? 1e-6 : 0.006));
     }
-    CHECK(close > 170);  // the others have no exact form
   }
+}
+
+TEST_CASE("reduce: splats of DBS files become Gaussians", "[reduce]") {
+  ImportedSplats splats = random_splats(50, 0);
+  splats.kernel = SpatialKernel::beta;
+  splats.betas.assign(50, 0.5f);
+  const ImportedSplats out = reduce_splats(exact_model(splats));
+  CHECK(out.kernel == SpatialKernel::gaussian);
+  CHECK(out.betas.empty());
+  for (auto& scales : splats.log_scales)
+    for (float& scale : scales) scale -= static_cast<float>(std::log(support_ratio(4 * std::exp(0.5))));
+  const Differences d = compare(splats, out);
+  CHECK(d.log_scale < 1e-5);
+  CHECK(d.rotation < 1e-6);
+  CHECK(d.opacity < 1e-6);
 }
 
 TEST_CASE("reduce: kernel ratio", "[reduce]") {

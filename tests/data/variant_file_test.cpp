@@ -83,22 +83,22 @@ TEST_CASE("variants: a file keeps its form", "[variants][ply]") {
 
 TEST_CASE("variants: records that cannot be honoured are refused", "[variants][ply]") {
   const TempFolder folder;
-  write_splat_ply(folder / "good.ply", numbered_model(6, {.cov_mode = CovMode::sym}));
+  write_splat_ply(folder / "good.ply", numbered_model(6, {.cov_mode = CovMode::whiten}));
   const std::string good = get(folder / "good.ply");
   const auto refusal = [&](const std::string& line) {
-    put(folder / "bad.ply", replaced(good, "comment ubs cov_mode sym\n", line));
+    put(folder / "bad.ply", replaced(good, "comment ubs cov_mode whiten\n", line));
     return message_of([&] { read_splat_ply(folder / "bad.ply"); });
   };
-  CHECK_THAT(refusal("comment ubs cov_mode mirrored\n"),
-             Contains("'mirrored' is no value of cov_mode: upper|sym|whiten"));
+  CHECK_THAT(refusal("comment ubs cov_mode sym\n"), Contains("'sym' is no value of cov_mode: upper|whiten"));
   CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown switch 'fog'"));
   CHECK_THAT(refusal("comment ubs cov_mode\n"), Contains("is not 'ubs <key> <value>'"));
-  CHECK_THAT(refusal("comment ubs cov_mode sym\ncomment ubs cov_mode sym\n"), Contains("a second time"));
+  CHECK_THAT(refusal("comment ubs cov_mode whiten\ncomment ubs cov_mode whiten\n"),
+             Contains("a second time"));
   CHECK_THAT(refusal("comment ubs rot_mode quaternion\n"), Contains("needs dim = 3"));
   CHECK_THAT(refusal("comment ubs kernel gaussian\n"), Contains("beta_* properties"));
   CHECK_THAT(refusal("comment ubs colour sh1\n"), Contains("'f_dc_0' is missing"));
   CHECK_THAT(refusal("comment ubs  \n"), Contains("is not 'ubs <key> <value>'"));
-  put(folder / "fine.ply", replaced(good, "comment ubs cov_mode sym\n", "comment ubstantial\n"));
+  put(folder / "fine.ply", replaced(good, "comment ubs cov_mode whiten\n", "comment ubstantial\n"));
   CHECK(read_splat_ply(folder / "fine.ply").variant == ModelVariant{});
 }
 

@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "nonfinite/mine.json", "other/mine.csv"};
+constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "other/mine.csv"};
 
 bool is_temporary(const std::string& path) { return path.find("tmp-") != std::string::npos; }
 // Lists and locks that are no results.

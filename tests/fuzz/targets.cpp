@@ -14,7 +14,6 @@
 #include "host/data/gaussian_model.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
-#include "host/data/import_splats.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
@@ -40,12 +39,9 @@ ImportedSplats few_splats(int degree) {
   return s;
 }
 
-// Both forms of an import. The solver behind beta is slow under sanitizers; a single splat exercises all of
-// it.
 void import_all(const ImportedSplats& splats) {
   const SplatModel model = exact_model(splats);
   if (is_gaussian_model(model)) foreign_splats(model);
-  if (splats.count() == 1) import_splats(splats);
 }
 
 void run_ply(Data d) {

@@ -16,7 +16,7 @@ namespace ubs::fuzz {
 void run_checkpoint(Data d) {
   const Data header = take_block(d);
   std::string file = "UBSCKPT\n";
-  add<std::uint32_t>(file, 1), add<std::uint32_t>(file, static_cast<std::uint32_t>(header.size()));
+  add<std::uint32_t>(file, 2), add<std::uint32_t>(file, static_cast<std::uint32_t>(header.size()));
   file.append(reinterpret_cast<const char*>(header.data()), header.size());
   file.append(reinterpret_cast<const char*>(d.data()), d.size());
   add<std::uint32_t>(file, crc32(std::as_bytes(std::span(file))));

@@ -331,7 +331,7 @@ TEST_CASE("the VJP of raised scales agrees with central differences", "[math]") 
     }
     REQUIRE(checked > (form.gaussian() ? 10 : 20));  // many are indefinite
     WARN("worst relative error " << worst << " over " << checked << " splats");
-    CHECK(worst < 8.8e-8);  // worst observed 4.43e-8 (skew_nd, sym, N = 6)
+    CHECK(worst < 8.8e-8);  // worst observed 4.43e-8 (skew_nd, N = 6)
   });
 }
 

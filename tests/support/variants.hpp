@@ -42,7 +42,6 @@ inline std::vector<NamedVariant> named_variants() {
           {"beta_opacity none", 6, {.beta_opacity = BetaOpacity::none}},
           {"beta_opacity gaussian", 7, {.beta_opacity = BetaOpacity::gaussian}},
           {"no query betas", 6, {.beta_cond = BetaCond::off, .beta_opacity = BetaOpacity::none}},
-          {"sym", 7, {.cov_mode = CovMode::sym}},
           {"whiten", 7, {.cov_mode = CovMode::whiten}},
           {"kernel gaussian", 6, {.kernel = SpatialKernel::gaussian}},
           {"sh0", 6, {.colour = ColourMode::sh0}},

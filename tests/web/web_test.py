@@ -639,7 +639,7 @@ TESTS = {
         (6,), cov_param="cholesky", beta_cond="off", beta_opacity="gaussian", kernel="gaussian", colour="sh2"
     ),
     "whiten": exact((7,), cov_mode="whiten", rot_mode="exp", colour="sh1", antialias="on"),
-    "skew": exact((6,), cov_param="skew_nd", cov_mode="sym"),
+    "skew": exact((6,), cov_param="skew_nd"),
     "direct": exact((7,), conditioning="direct"),
     "direct-learnt": learnt,
     "time-alone": exact((4,), rot_mode="cayley", beta_opacity="none"),

@@ -24,7 +24,7 @@ constexpr auto reading_of = [](auto& s) {
 }  // namespace
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
-    : import(app), settings(app, std::move(keys)) {
+    : settings(app, std::move(keys)) {
   add_model_option(app, "model,--model", model)->required();
   app.add_option("data,--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
       ->type_name("DIR|FILE");
@@ -35,7 +35,7 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 LoadedModel ModelOptions::load() const {
   settings.resolve();
   if (split_given() && data.empty()) fail(ErrorKind::usage, "--split is of data: name them after the model");
-  return open_model(model, import.options());
+  return open_model(model);
 }
 
 void add_device_option(CLI::App& app, std::string& device) {
@@ -43,26 +43,6 @@ void add_device_option(CLI::App& app, std::string& device) {
                  "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; cuda:1 and "
                  "opencl:NAME look in one back end only [UBS_DEVICE, else the first GPU]")
       ->type_name("DEVICE");
-}
-
-ImportChoice::ImportChoice(CLI::App& app) {
-  form_option_ =
-      app.add_option(
-             "--import", form_,
-             "files of other tools: exact, as Gaussians with harmonics, or beta, the published form with "
-             "the error that this causes [exact]")
-          ->check(CLI::IsMember({"exact", "beta"}))
-          ->type_name("exact|beta");
-  support_option_ =
-      app.add_option("--support", support_,
-                     "support radius / sigma with --import beta: 3.0 as published, 3.08 fits best [3.08]")
-          ->type_name("RATIO");
-}
-
-ImportOptions ImportChoice::options(int dim) const {
-  if (support_option_->count() > 0 && form_ != "beta")
-    fail(ErrorKind::usage, "--support belongs to --import beta");
-  return {.form = form_ == "beta" ? ImportForm::beta : ImportForm::exact, .dim = dim, .support = support_};
 }
 
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,

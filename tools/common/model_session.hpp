@@ -16,27 +16,12 @@
 
 namespace ubs::tools {
 
-// --import and, for its form beta, --support.
-class ImportChoice {
- public:
-  explicit ImportChoice(CLI::App& app);
-  // Throws Error(usage) for a --support that nothing would use.
-  ImportOptions options(int dim = 3) const;
-  bool given() const { return form_option_->count() + support_option_->count() > 0; }
-
- private:
-  CLI::Option *form_option_, *support_option_;
-  std::string form_ = "exact";
-  double support_ = ImportOptions{}.support;
-};
-
-// Options --model (or the first argument), --data, --split, --device, --import and the settings that decide
-// how a model is drawn.
+// Options --model (or the first argument), --data, --split, --device and the settings that decide how a model
+// is drawn.
 struct ModelOptions {
   ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
 
   std::string model, data, split = "test", device;
-  ImportChoice import;
   SettingsOptions settings;
   bool split_given() const { return split_option_->count() > 0; }
   // The model, once the options have been found to make sense.

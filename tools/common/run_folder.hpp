@@ -60,7 +60,6 @@ class RunFolder {
   const std::filesystem::path& path() const { return folder_; }
   std::filesystem::path model() const { return folder_ / "model.ply"; }
   std::filesystem::path checkpoint() const { return folder_ / "checkpoint.ubs"; }
-  std::filesystem::path nonfinite() const { return folder_ / "nonfinite"; }
   std::filesystem::path metrics() const { return folder_ / "metrics.json"; }
   std::filesystem::path renders() const { return folder_ / "renders"; }
   std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined ones

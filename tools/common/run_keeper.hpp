@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps a training run on disk: checkpoints, and reports of values that are not finite.
+// Keeps a training run on disk: its checkpoints.
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <vector>
 
 #include "host/train/checkpoint.hpp"
-#include "host/train/guard.hpp"
 #include "tools/common/run_folder.hpp"
 
 namespace ubs::tools {
@@ -18,9 +15,8 @@ Checkpoint open_checkpoint(const std::filesystem::path& folder);
 
 class RunKeeper {
  public:
-  // `run`: all of the checkpoint but its state. `comments`: of the model files in reports. `saved`: iteration
-  // of the checkpoint that is there, or -1.
-  RunKeeper(RunFolder& folder, Checkpoint run, std::vector<std::string> comments, int saved);
+  // `run`: all of the checkpoint but its state. `saved`: iteration of the checkpoint that is there, or -1.
+  RunKeeper(RunFolder& folder, Checkpoint run, int saved);
 
   // All ranks, each with its part. A checkpoint that cannot be written (disk full) is a warning: training
   // goes on, the one before stays, and the next one is tried when its time comes. Returns whether it was
@@ -30,13 +26,9 @@ class RunKeeper {
   // Iteration of the last checkpoint; -1: none yet.
   int saved_iteration() const { return saved_; }
 
-  // nonfinite/iteration_N.json and .ply, and a warning line.
-  void report(const NonFiniteEvent& event, const std::string& split);
-
  private:
   RunFolder& folder_;
   Checkpoint run_;
-  std::vector<std::string> comments_;
   int saved_;
 };
 

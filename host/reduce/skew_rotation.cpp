@@ -3,7 +3,7 @@
 // (1 + |omega|^2) (I + A)^-1, the covariance has the wanted form where the rows of G = B K are
 // orthogonal. Levenberg-Marquardt on the three cosines between the rows, from several starts; where none
 // leads to zero, the compromise with the least -ln det of the cosines' matrix.
-#include "host/data/skew_rotation.hpp"
+#include "host/reduce/skew_rotation.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// find_nonfinite_source repeats the passes of an iteration in which a value was not finite, and looks at the
+// output of each stage until one is not finite. Training calls it only after such a value, for the message.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "host/train/train_state.hpp"
+#include "host/train/training_views.hpp"
+
+namespace ubs {
+
+struct NonFiniteSource {
+  // The first stage whose output is not finite. "parameters": they were not finite before the iteration.
+  // "adam": everything is finite up to the gradients. "unknown": the passes could not be repeated.
+  std::string stage;
+  std::int64_t view = -1;  // the training view; -1: none in particular
+};
+
+// `state` is the state after the iteration. The watched Adam step has left the splats whose values are not
+// finite as they were, so that they fail again; the other splats have moved by one step. The views must be at
+// the size that they have in the iteration.
+NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingViews& views,
+                                      const RenderSettings& settings, const TrainState& state);
+
+}  // namespace ubs
