@@ -311,7 +311,7 @@ int run(InfoOptions& options) {
 
 Command add_info(CLI::App& root) {
   CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
-  const auto options = std::make_shared<InfoOptions>();
+  const auto options = std::make_shared<InfoOptions>(*app);
   app->add_option(
          "model", options->model,
          "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")

@@ -49,7 +49,8 @@ NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingVi
       if (!finite_records()) return {"project_forward", view};
       if (!finite_image(renderer.image())) return {"raster_forward", view};
       stages.image_loss(views.loss(renderer, draw, sums.view()));
-      if (!finite_image(renderer.v_image()) || !all_finite(std::span(sums.download()).first(5)))
+      const std::vector<float> loss = sums.download();
+      if (!finite_image(renderer.v_image()) || !all_finite(std::span(loss).first(5)))
         return {"image_loss", view};
       renderer.backward_to_records();
       const BufferView<float> v_records = renderer.v_records();
