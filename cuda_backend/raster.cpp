@@ -61,8 +61,7 @@ void Raster::run(const MeasureWeights& work) {
   if (!weights_) weights_ = weight_kernels(device_, config_);
   device_.launch("measure_weights", weights_->measure, tiles(work.shape), kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
-                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks, work.partners,
-                 work.others, work.weights, work.changes, work.stops);
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks, work.weights);
 }
 
 }  // namespace ubs::cuda

@@ -103,9 +103,6 @@ enum { kTileSide = 16 };  // [px]
 enum { kListSegment = 512 };
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu
-// In the place of a partner's record (MeasureWeights): the splat stays as it is; it is taken away.
-#define UBS_PARTNER_SAME 0xfffffffeu
-#define UBS_PARTNER_NONE 0xffffffffu
 
 // ---- What the draws of one iteration are for (kernels/math/rng.h) ----
 // Part of the counter, so that uses never share numbers. The top bits keep them apart from the host's

@@ -11,27 +11,6 @@
 namespace ubs::tools {
 namespace {
 
-struct BoundSummary {
-  double measured_max = 0, measured_rms = 0, bound_max = 0, bound_rms = 0, worst_ratio = 0;
-  std::size_t beyond = 0;
-};
-
-BoundSummary summarise(const SplitChange& split) {
-  BoundSummary s;
-  for (const reduce::ViewChange& view : split.views) {
-    const double share = 1 / static_cast<double>(split.views.size());
-    s.measured_max = std::max(s.measured_max, view.measured_max);
-    s.bound_max = std::max(s.bound_max, view.bound_max);
-    s.worst_ratio = std::max(s.worst_ratio, view.worst_ratio);
-    s.measured_rms += share * view.measured_rms * view.measured_rms;
-    s.bound_rms += share * view.bound_rms * view.bound_rms;
-    s.beyond += view.beyond_bound;
-  }
-  s.measured_rms = std::sqrt(s.measured_rms);
-  s.bound_rms = std::sqrt(s.bound_rms);
-  return s;
-}
-
 // What the smaller dimensions would change, over the splats that some view sees.
 Json effects_json(const reduce::Reducer& reducer) {
   struct Columns {
@@ -69,23 +48,6 @@ Json model_json(const MixedModel& model, std::size_t bytes, const reduce::ModelT
           {"step_ms_minimum", times.step_ms.minimum}};
 }
 
-Json split_json(const SplitChange& split) {
-  const BoundSummary s = summarise(split);
-  Json json{{"views", split.views.size()},
-            {"identical_views", identical_views(split)},
-            {"measured_change_max", s.measured_max},
-            {"measured_change_rms", s.measured_rms},
-            {"bound_max", s.bound_max},
-            {"bound_rms", s.bound_rms},
-            {"largest_measured_to_bound", s.worst_ratio},
-            {"values_beyond_bound", s.beyond}};
-  if (split.with_metrics) {
-    json["before"] = quality_json(split.before);
-    json["after"] = quality_json(split.after);
-  }
-  return json;
-}
-
 std::string ratio_text(double before, double after) {
   return before > 0 ? fmt::format("{:+.1f} %", 100 * (after / before - 1)) : "";
 }
@@ -110,24 +72,15 @@ void print_groups(const ReductionReport& report) {
 
 }  // namespace
 
-bool bound_holds(const ReductionReport& report) {
-  return std::ranges::all_of(report.splits,
-                             [](const SplitChange& split) { return summarise(split).beyond == 0; });
-}
-
-std::size_t identical_views(const SplitChange& split) {
-  return static_cast<std::size_t>(
-      std::ranges::count_if(split.views, [](const reduce::ViewChange& view) { return view.identical; }));
-}
-
 Json to_json(const ReductionReport& r) {
   Json json{{"bound", r.bound},
             {"lossless", {{"unseen_splats", r.after->unseen}, {"inert_dimensions", r.after->inert}}},
             {"lossy", {{"dropped_splats", r.after->dropped}, {"turned_splats", r.after->turned_count}}},
             {"before", model_json(*r.before, r.bytes_before, r.times[0])},
-            {"after", model_json(r.after->model, r.bytes_after, r.times[1])},
-            {"bound_holds", bound_holds(r)}};
-  for (const SplitChange& split : r.splits) json[split.name] = split_json(split);
+            {"after", model_json(r.after->model, r.bytes_after, r.times[1])}};
+  for (const SplitChange& split : r.splits)
+    json[split.name] = {
+        {"views", split.views}, {"before", quality_json(split.before)}, {"after", quality_json(split.after)}};
   json["effects"] = effects_json(*r.reducer);
   json["search"] = Json::array();
   for (const SearchStep& step : r.search)
@@ -145,25 +98,17 @@ void print_table(const ReductionReport& r) {
   number_row("file [MiB]", mib(r.bytes_before), mib(r.bytes_after), 3);
   number_row("render [ms]", r.times[0].render_ms.median, r.times[1].render_ms.median, 2);
   number_row("training step [ms]", r.times[0].step_ms.median, r.times[1].step_ms.median, 2);
-  for (const SplitChange& s : r.splits)
-    if (s.with_metrics) {
-      row(s.name + " PSNR [dB]", fmt::format("{:.3f}", s.before.psnr_channel_mean),
-          fmt::format("{:.3f}", s.after.psnr_channel_mean),
-          fmt::format("{:+.3f} dB", s.after.psnr_channel_mean - s.before.psnr_channel_mean));
-      row(s.name + " SSIM", fmt::format("{:.4f}", s.before.ssim), fmt::format("{:.4f}", s.after.ssim));
-    }
+  for (const SplitChange& s : r.splits) {
+    row(s.name + " PSNR [dB]", fmt::format("{:.3f}", s.before.psnr_channel_mean),
+        fmt::format("{:.3f}", s.after.psnr_channel_mean),
+        fmt::format("{:+.3f} dB", s.after.psnr_channel_mean - s.before.psnr_channel_mean));
+    row(s.name + " SSIM", fmt::format("{:.4f}", s.before.ssim), fmt::format("{:.4f}", s.after.ssim));
+  }
   say("lossless  {} splats that no training view sees, {} with dimensions without effect\n", after.unseen,
       after.inert);
   if (r.bound > 0)
     say("lossy     weight bound {:.3g}: {} splats given up, {} turned into fewer dimensions\n", r.bound,
         after.dropped, after.turned_count);
-  for (const SplitChange& s : r.splits) {
-    const BoundSummary b = summarise(s);
-    say("{:<9} change of pixels: largest {:.4g} (bound {:.4g}), rms {:.3g} (bound {:.3g}); {} of {} views "
-        "identical; {}\n",
-        s.name, b.measured_max, b.bound_max, b.measured_rms, b.bound_rms, identical_views(s), s.views.size(),
-        b.beyond == 0 ? "within the bound everywhere" : fmt::format("{} VALUES BEYOND THE BOUND", b.beyond));
-  }
 }
 
 std::string effects_csv(const ReductionReport& r) {

@@ -6,19 +6,17 @@
 #include <string>
 #include <vector>
 
-#include "host/reduce/change_bound.hpp"
 #include "host/reduce/model_times.hpp"
 #include "host/reduce/reducer.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {
 
-// Images of a split before and after.
+// Quality of the images of a split before and after.
 struct SplitChange {
   std::string name;
+  std::size_t views = 0;
   ViewMetrics before, after;
-  std::vector<reduce::ViewChange> views;
-  bool with_metrics = true;  // false: no images to compare with
 };
 
 struct SearchStep {
@@ -36,11 +34,6 @@ struct ReductionReport {
   std::vector<SplitChange> splits;  // the first one is train
   std::vector<SearchStep> search;
 };
-
-// Whether every pixel of every view changed by no more than its bound.
-bool bound_holds(const ReductionReport& report);
-// Views whose images are the same to the bit.
-std::size_t identical_views(const SplitChange& split);
 
 Json to_json(const ReductionReport& report);
 void print_table(const ReductionReport& report);

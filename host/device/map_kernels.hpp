@@ -68,8 +68,7 @@ using RasterForwardKernel = void(const float* records, const u32* sorted_ids, co
                                  float* transmittance, float* depth, u16* masks, float* states);
 using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                   const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
-                                  const u16* masks, const u32* partners, const float* others, float* weights,
-                                  float* changes, float* stops);
+                                  const u16* masks, float* weights);
 using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
 
 using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);

@@ -49,13 +49,10 @@ inline void check_weights(const MeasureWeights& work) {
   const auto require = [](bool holds, const char* what) {
     if (!holds) fail(ErrorKind::internal, "weights: {}", what);
   };
-  const std::size_t intersections = work.sorted_ids.size, plane = work.shape.plane();
+  const std::size_t intersections = work.sorted_ids.size;
   require(work.masks.size >= intersections && work.sorted_slots.size >= intersections,
           "lists of different lengths");
-  require(work.weights.size == 0 || work.weights.size >= intersections, "weights shorter than the lists");
-  require((work.changes.size == 0 || work.changes.size >= plane) &&
-              (work.stops.size == 0 || work.stops.size >= plane),
-          "changes or stops smaller than a plane");
+  require(work.weights.size >= intersections, "weights shorter than the lists");
 }
 
 // `rows`: parameters of a splat.

@@ -179,14 +179,7 @@ struct MeasureWeights {  // what the splats of a forward pass do to its pixels; 
   BufferView<float> records;
   BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   BufferView<std::uint16_t> masks;
-  BufferView<std::uint32_t> partners;  // (intersections) by place in the list: row of `others`,
-                                       // UBS_PARTNER_SAME or _NONE; empty: all same
-  BufferView<float> others;            // records that take the splats' places
-  BufferView<float>
-      weights;  // out (intersections) by slot: largest transmittance * alpha in the tile; may be empty
-  BufferView<float> changes;  // out (rows, pitch): sum of transmittance * |change of alpha|; may be empty
-  BufferView<float>
-      stops;  // out (rows, pitch): transmittance of a pixel that was finished, else 0; may be empty
+  BufferView<float> weights;  // out (intersections) by slot: largest transmittance * alpha in the tile
 };
 
 struct ImageLoss {  // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1) and its gradient

@@ -168,7 +168,7 @@ void Raster::run(const MeasureWeights& work) {
   weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
                             work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                             work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,
-                            work.partners, work.others, work.weights, work.changes, work.stops);
+                            work.weights);
 }
 
 }  // namespace ubs::opencl
