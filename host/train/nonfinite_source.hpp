@@ -4,7 +4,7 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
+#include <string_view>
 
 #include "host/train/train_state.hpp"
 #include "host/train/training_views.hpp"
@@ -14,7 +14,7 @@ namespace ubs {
 struct NonFiniteSource {
   // The first stage whose output is not finite. "parameters": they were not finite before the iteration.
   // "adam": everything is finite up to the gradients. "unknown": the passes could not be repeated.
-  std::string stage;
+  std::string_view stage;
   std::int64_t view = -1;  // the training view; -1: none in particular
 };
 
