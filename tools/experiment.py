@@ -840,7 +840,7 @@ def table_json(spec, jobs, results, lines, occasion):
     runs = [{"id": job.id, "state": result.state, "reason": result.reason, "lacks": result.lacks,
              "data": str(job.data or ""), "image_width": job.width, "ours": result.values,
              "published": job.row["published"].get(job.place, {}), "not_as_published": job.changes(),
-             "settings": job.settings, "record": result.record} for job, result in zip(jobs, results)]
+             "settings": job.settings, "record": result.record or None} for job, result in zip(jobs, results)]
     means = [{"row": line.row["name"], "dataset": line.set["name"], "scenes_present": line.present,
               "scenes_planned": len(line.set["scenes"]),
               "metrics": {key: {"ours": cell[0], "published": cell[1], "difference": difference(cell)}

@@ -632,12 +632,16 @@ class Real(Case):
 
     def test_an_experiment_survives_being_killed_and_interrupted(self):
         arguments = ("--device", "cpu", "--rows", "short", "--scene-folder", "dull=shiny", "--resume", "--quiet")
+        folder = self.folder / "out/e/runs/short.toys.shiny"
+
+        def rows():
+            return len(self.lines("out/e/runs/short.toys.shiny/log.csv"))
+
         for number in (signal.SIGKILL, signal.SIGINT):
+            before = rows()
             process = subprocess.Popen(self.command(*arguments, "--set", "iterations=100000"), cwd=self.folder,
                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            folder = self.folder / "out/e/runs/short.toys.shiny"
-            log = folder / "log.csv"
-            wait_for(lambda: log.exists() and len(log.read_text().splitlines()) > 3)
+            wait_for(lambda: rows() > before + 3)
             process.send_signal(number)
             self.assertEqual(process.wait(), 130 if number == signal.SIGINT else -number)
             # If the program was killed, the system told the training to save and end; it holds the lock until then.
