@@ -448,11 +448,13 @@ def scaled_down(job, k, ubs):
     scaled = {"cap_max": divided("cap_max", k * k), "iterations": divided("iterations", k)}
     if job.published["init_points"] != "auto":
         scaled["init_points"] = divided("init_points", k * k)
-    factor = job.published["downscale"] * k
-    if job.data and job.published_width:
-        full = ubs.image_width(job.data, {**job.published, "downscale": 1})
-        factor = math.floor(full * k / job.published_width + 0.5)
-    return {**scaled, "downscale": min(max(factor, 1), 64)}
+    if job.data:
+        factor = job.published["downscale"] * k
+        if job.published_width:
+            full = ubs.image_width(job.data, {**job.published, "downscale": 1})
+            factor = math.floor(full * k / job.published_width + 0.5)
+        scaled["downscale"] = min(max(factor, 1), 64)
+    return scaled
 
 
 def prepare(job, spec, options, named, ubs):
