@@ -448,11 +448,13 @@ def scaled_down(job, k, ubs):
     scaled = {"cap_max": divided("cap_max", k * k), "iterations": divided("iterations", k)}
     if job.published["init_points"] != "auto":
         scaled["init_points"] = divided("init_points", k * k)
-    factor = job.published["downscale"] * k
-    if job.data and job.published_width:
-        full = ubs.image_width(job.data, {**job.published, "downscale": 1})
-        factor = math.floor(full * k / job.published_width + 0.5)
-    return {**scaled, "downscale": min(max(factor, 1), 64)}
+    if job.data:
+        factor = job.published["downscale"] * k
+        if job.published_width:
+            full = ubs.image_width(job.data, {**job.published, "downscale": 1})
+            factor = math.floor(full * k / job.published_width + 0.5)
+        scaled["downscale"] = min(max(factor, 1), 64)
+    return scaled
 
 
 def prepare(job, spec, options, named, ubs):
@@ -840,7 +842,7 @@ def table_json(spec, jobs, results, lines, occasion):
     runs = [{"id": job.id, "state": result.state, "reason": result.reason, "lacks": result.lacks,
              "data": str(job.data or ""), "image_width": job.width, "ours": result.values,
              "published": job.row["published"].get(job.place, {}), "not_as_published": job.changes(),
-             "settings": job.settings, "record": result.record} for job, result in zip(jobs, results)]
+             "settings": job.settings, "record": result.record or None} for job, result in zip(jobs, results)]
     means = [{"row": line.row["name"], "dataset": line.set["name"], "scenes_present": line.present,
               "scenes_planned": len(line.set["scenes"]),
               "metrics": {key: {"ours": cell[0], "published": cell[1], "difference": difference(cell)}
