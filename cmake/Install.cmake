@@ -48,14 +48,16 @@ install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT 
 install(TARGETS ubs RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
 include(Sbom)
 install(FILES ${UBS_SBOM} DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
-# Manual pages and completions, which the executable writes itself.
-if(NOT CMAKE_CROSSCOMPILING)
+# Manual pages, made of the help if help2man is there.
+find_program(HELP2MAN help2man)
+if(HELP2MAN AND NOT CMAKE_CROSSCOMPILING)
   set(manual ${PROJECT_BINARY_DIR}/manual)
-  add_custom_command(OUTPUT ${manual}/man1/ubs.1 COMMAND ubs manual ${manual} DEPENDS ubs VERBATIM)
+  add_custom_command(OUTPUT ${manual}/man1/ubs.1
+                     COMMAND ${CMAKE_COMMAND} -DUBS=$<TARGET_FILE:ubs> -DHELP2MAN=${HELP2MAN} -DFOLDER=${manual}/man1
+                             -P ${PROJECT_SOURCE_DIR}/cmake/manual.cmake
+                     DEPENDS ubs cmake/manual.cmake VERBATIM)
   add_custom_target(ubs_manual ALL DEPENDS ${manual}/man1/ubs.1)
   install(DIRECTORY ${manual}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR} COMPONENT tools)
-  install(DIRECTORY ${manual}/bash-completion ${manual}/zsh ${manual}/fish DESTINATION ${CMAKE_INSTALL_DATADIR}
-          COMPONENT tools)
 endif()
 install(FILES LICENSE CHANGELOG.md CITATION.cff DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 

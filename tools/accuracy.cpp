@@ -8,12 +8,12 @@
 #include "host/accuracy/baseline.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/runner.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
@@ -46,7 +46,7 @@ struct AccuracyOptions {
   std::size_t view = 0, splats = 10'000, rounds = 9;
   int size = 200, iterations = 300, dim = 6;
   double sample_ms = 10;
-  bool quick = false, processor_time = false, no_stages = false, quiet = false, json = false;
+  bool quick = false, processor_time = false, no_stages = false, quiet = false, json = false, overwrite = false;
 };
 
 // Of a configuration measure() asks for the form of the method and these.
@@ -199,7 +199,7 @@ int run(const AccuracyOptions& options) {
       if (device->info().type != DeviceType::cpu)
         fail(ErrorKind::usage, "--processor-time is for CPU devices, {} is none", device->info().name);
   const Paths names{"accuracy.csv", "accuracy.json", "accuracy.md", "accuracy.svg"};
-  const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline});
+  const auto held = take_folder(options.out, names, {options.data, options.model, options.baseline}, options.overwrite);
   const std::vector<NamedScene> scenes = load_scenes(options, *devices.front());
   const std::vector<std::string> lines = header_lines(options, devices, scenes);
 
@@ -284,6 +284,7 @@ Command add_accuracy(CLI::App& root, Command& curve) {
       ->type_name("FILE");
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "print the JSON of the results");
   // What a model has, and what embedded scenes have, of which a model alone has none.
   app->get_option("--split")->needs("--model");

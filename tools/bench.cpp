@@ -9,7 +9,6 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/bench/bench_scene.hpp"
 #include "host/bench/rank_bench.hpp"
@@ -20,6 +19,7 @@
 #include "host/spec/settings.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
@@ -40,7 +40,7 @@ struct BenchOptions {
   std::vector<std::string> devices, sizes, assignments;
   int dim = 6;
   RunData run;  // of the model
-  bool list = false, quick = false, ranks = false;
+  bool list = false, quick = false, ranks = false, overwrite = false;
   double min_time = 0.3, max_time = 2, uncertainty = 0.01;
 };
 
@@ -121,7 +121,7 @@ int run_ranks(BenchOptions& options) {
   std::string devices;
   for (const std::string& device : options.devices) devices += (devices.empty() ? "" : ",") + device;
   const std::unique_ptr<Device> device = open_proved_device(device_of_rank(devices), training_use(training));
-  if (ranks().first()) check_output_files({options.json}, {});
+  if (ranks().first()) check_output_files({options.json}, {}, options.overwrite);
   Json results = Json::array();
   for (const std::string& text : sizes) {
     const SceneSize size = parse_scene_size(text);
@@ -167,7 +167,7 @@ int run(BenchOptions& options) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
     return 0;
   }
-  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data});
+  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data}, options.overwrite);
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
   bench::RunOptions run = run_options(options, training);
@@ -253,6 +253,7 @@ Command add_bench(CLI::App& root) {
   app->add_option("--baseline", options->baseline,
                   "compare with a file of --json; exit code 8 when a case is slower beyond the noise")
       ->type_name("FILE");
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

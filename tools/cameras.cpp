@@ -199,8 +199,9 @@ std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& p
 void prepare_work(const CamerasOptions& options, const Places& places, const std::vector<fs::path>& stale) {
   make_folders(places.work);
   const fs::path print = places.work / "pictures.txt";
-  if (!path_exists(print) && path_exists(places.database))
-    fail(ErrorKind::usage, "{}: was not made by ubs; move it away", places.database.string());
+  for (const fs::path& file : {places.database, places.list})
+    if (!path_exists(print) && path_exists(file))
+      fail(ErrorKind::usage, "{}: was not made by ubs; move it away", file.string());
   for (const fs::path& file : stale) remove_path(file);
   write_file_atomically(print, pictures_text(options, places));
   std::string names;

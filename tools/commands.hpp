@@ -29,7 +29,6 @@ Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);
 Command add_pack(CLI::App& root);
 Command add_gradients(CLI::App& root);
-Command add_check(CLI::App& root);
 Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
@@ -40,9 +39,7 @@ Command add_accuracy(CLI::App& root, Command& curve);
 Command add_curve(CLI::App& accuracy);
 Command add_experiment(CLI::App& root);
 Command add_cameras(CLI::App& root);
-Command add_doctor(CLI::App& root);
 Command add_report(CLI::App& root);
-Command add_manual(CLI::App& root);
 Command add_web(CLI::App& root);
 
 }  // namespace ubs::tools

@@ -10,7 +10,6 @@
 #include "host/accuracy/truth.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
@@ -22,6 +21,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/compare_report.hpp"
@@ -36,7 +36,7 @@ struct CompareOptions {
   std::vector<std::string> devices;
   std::string model, data, split = "test", out;
   int view = 0, repeat = 20, train_iterations = 0;
-  bool json = false;
+  bool json = false, overwrite = false;
 };
 
 struct Inputs {
@@ -236,7 +236,7 @@ Inputs load_inputs(const CompareOptions& options) {
 
 int run(CompareOptions& options) {
   options.run = use_run_data(options.model, options.data);
-  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data});
+  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data}, options.overwrite);
   const Inputs in = load_inputs(options);
   check_devices(options.devices);
   std::vector<Comparison> rows;
@@ -291,6 +291,7 @@ Command add_compare(CLI::App& root) {
       ->type_name("INT");
   app->add_option("--out", options->out, "folder for compare.json, compare.csv and the page compare.md")
       ->type_name("DIR");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

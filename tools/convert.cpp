@@ -8,7 +8,6 @@
 #include <memory>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
@@ -21,6 +20,7 @@
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
@@ -40,7 +40,7 @@ struct ConvertOptions {
                         conditioning;
   double time = 0;
   int degree = 3, series = 0;
-  bool json = false;
+  bool json = false, overwrite = false;
   CLI::Option *split_option = nullptr, *time_option = nullptr, *opacity_option = nullptr;
   RunData run;
   bool split_given() const { return split_option->count() > 0; }
@@ -277,7 +277,7 @@ int run(ConvertOptions& options) {
          "--data: a loss is measured between our format and others, and with --conditioning: not here");
   if (options.distill.empty() && source == SplatFormat::ubs && !options.data.empty())
     options.run = use_run_data(options.from, options.data);
-  check_output_files(files_of(options), {options.from, options.data});
+  check_output_files(files_of(options), {options.from, options.data}, options.overwrite);
   Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
   json["from"] = format_name(source);
   json["to"] = format;
@@ -337,6 +337,7 @@ Command add_convert(CLI::App& root) {
       ->excludes("--time")
       ->type_name("K");
   add_device_option(*app, options->device);
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -10,7 +10,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
 #include "host/base/warning.hpp"
@@ -21,6 +20,7 @@
 #include "host/spec/settings.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/number_check.hpp"
@@ -44,7 +44,7 @@ struct CurveOptions {
   std::string data, scene = "glossy", out, baseline;
   double seconds = 0;
   int views = 0;
-  bool sequential = false, quick = false, quiet = false, json = false;
+  bool sequential = false, quick = false, quiet = false, json = false, overwrite = false;
 };
 
 TrainSettings base_settings(const CurveOptions& options) {
@@ -216,8 +216,7 @@ int run(const CurveOptions& options) {
   std::vector<std::shared_ptr<Device>> devices;
   for (const std::string& name : options.devices.empty() ? std::vector<std::string>{""} : options.devices)
     devices.push_back(open_proved_device(name, curves_use(settings, chosen)));
-  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.svg"},
-                                {options.data, options.baseline});
+  const auto held = take_folder(options.out, {"curve.csv", "curve.json", "curve.md", "curve.svg"}, {options.data, options.baseline}, options.overwrite);
   const std::vector<Curve> baseline =
       options.baseline.empty() ? std::vector<Curve>{} : read_curves(options.baseline);
 
@@ -289,6 +288,7 @@ Command add_curve(CLI::App& accuracy) {
       ->type_name("FILE");
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "print the JSON of the curves");
   return {app, [options] { return run(*options); }};
 }

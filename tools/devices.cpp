@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices: what there is to compute on, with the numbers and names that --device takes.
+// ubs devices: what there is to compute on, with the numbers and names that --device takes; whether it computes
+// right, and whether all is well with this machine.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -10,16 +11,22 @@
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/settings_options.hpp"
 #include "tools/common/version.hpp"
+#include "tools/device_reports.hpp"
 
 namespace ubs::tools {
 namespace {
 
 struct DevicesOptions {
-  std::string device;
-  bool json = false;
+  explicit DevicesOptions(CLI::App& app) : settings(app, form_keys()) {}
+  std::vector<std::string> devices;
+  std::vector<int> dims{3, 6, 7};
+  SettingsOptions settings;
+  std::uint64_t cases = 50;
+  bool check = false, doctor = false, json = false;
 };
 
 const check::Verdict* wrong_one(const std::vector<check::Verdict>& verdicts) {
@@ -28,7 +35,7 @@ const check::Verdict* wrong_one(const std::vector<check::Verdict>& verdicts) {
 }
 
 std::string verdict_text(const std::vector<check::Verdict>& verdicts) {
-  if (verdicts.empty()) return "not checked yet by this build (ubs check)";
+  if (verdicts.empty()) return "not checked yet by this build (ubs devices --check)";
   if (const check::Verdict* wrong = wrong_one(verdicts))
     return fmt::format("WRONG RESULTS for {}: {}", wrong->form, wrong->problem);
   std::string forms;
@@ -46,9 +53,11 @@ Json verdict_json(const std::vector<check::Verdict>& verdicts) {
           {"forms", std::move(forms)}};
 }
 
-int run(const DevicesOptions& options) {
+int list(const DevicesOptions& options) {
+  if (options.devices.size() > 1)
+    fail(ErrorKind::usage, "--device: several devices are for --check and --doctor");
   const std::vector<DeviceInfo> devices = list_devices();
-  const std::size_t chosen = choose_device(devices, options.device);
+  const std::size_t chosen = choose_device(devices, options.devices.empty() ? "" : options.devices[0]);
   if (options.json) {
     Json list = Json::array();
     for (const DeviceInfo& device : devices) {
@@ -77,13 +86,38 @@ int run(const DevicesOptions& options) {
   return 0;
 }
 
+int run(const DevicesOptions& options) {
+  if (options.check) return check_devices(options.devices, options.dims, options.settings, options.json);
+  if (options.doctor) return diagnose(options.devices, options.cases, options.json);
+  return list(options);
+}
+
 }  // namespace
 
 Command add_devices(CLI::App& root) {
-  const auto options = std::make_shared<DevicesOptions>();
-  CLI::App* app = root.add_subcommand("devices", "List the compute devices");
+  CLI::App* app = root.add_subcommand("devices", "List the compute devices, check them, look for problems");
+  const auto options = std::make_shared<DevicesOptions>(*app);
+  app->add_option("--device", options->devices,
+                  "device as for other commands; several with --check and --doctor [UBS_DEVICE, else all]")
+      ->delimiter(',')
+      ->type_name("A,B");
+  CLI::Option* check = app->add_flag(
+      "--check", options->check, "compare every stage with float64; exit code 10 if a device is wrong");
+  app->add_option("--dim", options->dims, "with --check: dimensions of the splats [3,6,7]")
+      ->delimiter(',')
+      ->check(from_to(kMinDim, kMaxDim))
+      ->needs(check)
+      ->type_name("N,N");
+  CLI::Option* doctor =
+      app->add_flag("--doctor", options->doctor,
+                    "say whether all is well with this machine, and what to do if not")
+          ->excludes(check);
+  app->add_option("--cases", options->cases, "with --doctor: random cases against float64 on each device [50]")
+      ->check(from_to(1, 100000))
+      ->needs(doctor)
+      ->type_name("N");
   app->add_flag("--json", options->json, "machine-readable output");
-  add_device_option(*app, options->device);
+  options->settings.need(*app, check);
   return {app, [options] { return run(*options); }};
 }
 

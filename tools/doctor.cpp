@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs doctor: one page about this machine with a verdict and what to do; the first thing to attach to a
+// ubs devices --doctor: one page about this machine with a verdict and what to do; the first thing to attach to a
 // report of a problem.
 #include <sys/utsname.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
@@ -22,22 +21,15 @@
 #include "host/device/tuning.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
-#include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/version.hpp"
+#include "tools/device_reports.hpp"
 
 namespace ubs::tools {
 namespace {
 
 namespace fs = std::filesystem;
-
-struct DoctorOptions {
-  std::string device;
-  std::uint64_t cases = 50;
-  bool json = false;
-};
 
 constexpr std::size_t kSplats = 20'000;  // of the step that is timed, in pictures of kSize x kSize
 constexpr int kSize = 400, kDim = 6;
@@ -46,7 +38,8 @@ constexpr std::uint64_t kSeed = 1;
 
 class Doctor {
  public:
-  explicit Doctor(const DoctorOptions& options) : options_(options) {}
+  Doctor(const std::vector<std::string>& names, std::uint64_t cases, bool json)
+      : names_(names), cases_(cases), as_json_(json) {}
 
   int run() {
     versions();
@@ -59,11 +52,10 @@ class Doctor {
       trouble(exit_code(error.kind()), error.what(),
               "install an OpenCL driver: sudo apt-get install pocl-opencl-icd");
     }
-    const std::vector<std::size_t> chosen =
-        devices.empty() || !options_.device.empty()
-            ? (devices.empty() ? std::vector<std::size_t>{}
-                               : std::vector{choose_device(devices, options_.device)})
-            : device_candidates(devices, "");
+    std::vector<std::size_t> chosen;
+    if (names_.empty() && !devices.empty()) chosen = device_candidates(devices, "");
+    for (const std::string& name : names_)
+      if (!devices.empty()) chosen.push_back(choose_device(devices, name));
     if (devices.empty() && code_ == 0)
       trouble(exit_code(ErrorKind::device), "there is no compute device",
               "install an OpenCL driver: sudo apt-get install pocl-opencl-icd");
@@ -75,7 +67,7 @@ class Doctor {
  private:
   template <typename... Args>
   void line(fmt::format_string<Args...> format, Args&&... args) {
-    if (options_.json) return;
+    if (as_json_) return;
     say("{}\n", fmt::format(format, std::forward<Args>(args)...));
     flush_out();
   }
@@ -99,7 +91,7 @@ class Doctor {
     json_["build"] = build_id();
     json_["system"] = text;
     json_["opencv"] = opencv;
-    line("ubs doctor\n\nversion    {}\nsystem     {}, {} threads; OpenCV {}", version_line(), text,
+    line("version    {}\nsystem     {}, {} threads; OpenCV {}", version_line(), text,
          std::thread::hardware_concurrency(), opencv ? "yes" : "no: neither view nor report");
     double load[1] = {0};
     if (getloadavg(load, 1) != 1) return;
@@ -189,12 +181,12 @@ class Doctor {
   void stress(Device& device, Json& entry) {
     stress::DeviceRunner runner(device, raster_kind("auto", device.info()));
     const stress::CampaignReport report =
-        stress::run_campaign(runner, {.seed = kSeed, .first = 0, .cases = options_.cases});
+        stress::run_campaign(runner, {.seed = kSeed, .first = 0, .cases = cases_});
     entry["stress"] = {{"cases", report.cases}, {"failed", report.failed}};
     line("  stress   {} random cases, {} failed", report.cases, report.failed);
     if (report.failed > 0)
       wrong(fmt::format("{} of {} random cases fail (ubs stress --seed {} --cases {})", report.failed,
-                        report.cases, kSeed, options_.cases),
+                        report.cases, kSeed, cases_),
             device.info());
   }
 
@@ -216,13 +208,15 @@ class Doctor {
     json_["problems"] = problems_;
     json_["verdict"] = text;
     json_["well"] = code_ == 0;
-    if (options_.json) return print_json(json_);
+    if (as_json_) return print_json(json_);
     line("\nverdict    {}", text);
     for (const Json& p : problems_)
       line("  {}\n    -> {}", p["what"].get<std::string>(), p["do"].get<std::string>());
   }
 
-  const DoctorOptions& options_;
+  const std::vector<std::string>& names_;
+  std::uint64_t cases_;
+  bool as_json_;
   Json json_ = Json::object();
   Json problems_ = Json::array();
   int code_ = 0, working_ = 0, first_failure_ = 0;
@@ -230,16 +224,8 @@ class Doctor {
 
 }  // namespace
 
-Command add_doctor(CLI::App& root) {
-  CLI::App* app =
-      root.add_subcommand("doctor", "Say whether all is well with this machine, and what to do if not");
-  const auto options = std::make_shared<DoctorOptions>();
-  add_device_option(*app, options->device);
-  app->add_option("--cases", options->cases, "random cases against float64 on each device [50]")
-      ->check(from_to(1, 100000))
-      ->type_name("N");
-  app->add_flag("--json", options->json, "machine-readable output");
-  return {app, [options] { return Doctor(*options).run(); }};
+int diagnose(const std::vector<std::string>& devices, std::uint64_t cases, bool json) {
+  return Doctor(devices, cases, json).run();
 }
 
 }  // namespace ubs::tools

@@ -5,7 +5,6 @@
 #include <memory>
 
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/metrics/frame_rate.hpp"
@@ -14,6 +13,7 @@
 #include "host/run/run_cameras.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
@@ -32,7 +32,7 @@ struct EvalOptions : ModelOptions {
   Appearance appearance{};
   LpipsOptions lpips;
   int fps_views = 20;
-  bool json = false;
+  bool json = false, overwrite = false;
 };
 
 Json frames_json(const FrameRate& rate) {
@@ -50,7 +50,7 @@ std::string memory_text(std::uint64_t bytes) {
 int run(EvalOptions& options) {
   const RunData run = use_run_data(options.model, options.data);
   const bool first = ranks().first();  // of the job, where there is one: it writes
-  if (first) check_output_files({options.out}, {options.model, options.data});
+  if (first) check_output_files({options.out}, {options.model, options.data}, options.overwrite);
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
@@ -140,6 +140,7 @@ Command add_eval(CLI::App& root) {
       ->transform(CLI::CheckedTransformer(std::map<std::string, Appearance>{
           {"none", Appearance::none}, {"gain", Appearance::gain}, {"affine", Appearance::affine}}))
       ->type_name("MODE");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -10,8 +10,6 @@
 #include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/made_files.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
 #include "host/experiment/child_process.hpp"
@@ -21,6 +19,7 @@
 #include "host/metrics/image_metrics.hpp"
 #include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
@@ -262,8 +261,9 @@ int execute(const ExperimentOptions& options, const ExperimentSpec& spec, const 
   const InterruptGuard guard;
   std::optional<FolderLock> lock;  // tasks hold the folders of their runs alone
   if (writes) lock.emplace(out, FolderLock::Children::inherit, kLockPatience);
-  if (writes && options.overwrite) allow_overwriting(out);
-  if (writes) check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {});
+  if (writes)
+    check_output_files({out / "table.md", out / "table.csv", out / "table.json"}, {},
+                       options.overwrite || options.resume);
   experiment::RunOptions run{
       .out = out,
       .executable = this_executable(),

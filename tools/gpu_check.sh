@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # What a machine with a GPU can show, in two phases. The first, less than two minutes on 16 cores, checks that the card
-# computes correctly: device list, `ubs check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
+# computes correctly: device list, `ubs devices --check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
 # short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
 # The second phase measures: tuning, a short and a long training, frames a second, times by stage against the card's
 # ceilings, CUDA against OpenCL. What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step
@@ -136,7 +136,7 @@ if [ "$phase" != fast ]; then
   [ "$has_opencl" = yes ] && views+=(opencl:gpu)
   begin packed 20 "$tests/test_packed"
   for view in "${views[@]}"; do
-    begin "check $view" 150 "$ubs" check --device "$view"
+    begin "check $view" 150 "$ubs" devices --check --device "$view"
     # Only CPUs use the kernels of "every vector width", and NVIDIA's compiler takes minutes for them.
     begin "stages $view" 150 "$tests/test_stages" --device "$view" --optional "~every vector width*"
     for suite in pipeline variants reduce; do
@@ -171,7 +171,7 @@ if [ "$phase" = right ]; then
   end
 fi
 step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
-  --json "$out/tune.json"
+  --json "$out/tune.json" --overwrite
 [ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
 case $device in
   cuda*)
@@ -192,7 +192,7 @@ model=$work/long/model.ply
 [ -e "$model" ] || model=$work/first/model.ply
 reserve=$((limit * 15 / 100))
 step "quality, frames a second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
-  --out "$out/eval_long.json"
+  --out "$out/eval_long.json" --overwrite
 
 # Times by stage, on both views of the card: of scenes of a fixed size against the card's ceilings, then of the model.
 devices=$device
@@ -211,14 +211,14 @@ if [ -e "$model" ]; then
 fi
 reserve=$((limit * 5 / 100))
 bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}" "${with_model[@]}")
-step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json"
+step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json" --overwrite
 case $device in
   cuda*)
     again="^($changed|iteration)[.](synthetic[.]${GPU_CHECK_SCENE:-300K}|garden|model)[.]"
     step "bench untuned" 40 "${untuned[@]}" bench --run "$again" --min-time 0.2 \
-      --max-time 0.5 "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_untuned.json" ;;
+      --max-time 0.5 "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_untuned.json" --overwrite ;;
 esac
-[ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json"
+[ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json" --overwrite
 compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null

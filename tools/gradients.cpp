@@ -7,7 +7,6 @@
 #include <memory>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
@@ -15,6 +14,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 
@@ -31,7 +31,7 @@ struct GradientsOptions : ModelOptions {
   explicit GradientsOptions(CLI::App& app) : ModelOptions(app, gradient_keys()) {}
   std::string out, target;
   int view = 0;
-  bool json = false, cameras = false;
+  bool json = false, cameras = false, overwrite = false;
 };
 
 // (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image, which may bring a mask.
@@ -94,7 +94,7 @@ void check_finite(const SplatModel& gradient, const View& view) {
 int run(GradientsOptions& options) {
   files_before_output();
   const RunData run = use_run_data(options.model, options.data);
-  check_output_files({options.out}, {options.model, options.target, options.data});
+  check_output_files({options.out}, {options.model, options.target, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   const MixedModel& model = loaded.model;
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
@@ -168,6 +168,7 @@ Command add_gradients(CLI::App& root) {
   app->add_flag("--cameras", options->cameras,
                 "also the gradient with respect to the camera: pose, matrix, focal lengths, principal point, "
                 "queries");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

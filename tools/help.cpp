@@ -4,7 +4,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
-#include <set>
 #include <sstream>
 #include <utility>
 
@@ -49,9 +48,7 @@ constexpr Examples kExamples[] = {
     {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
     {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
      "ubs gradients run photos --view 3 --split train --out gradients.ply"},
-    {"doctor", kDevices, "ubs doctor", "ubs doctor --json"},
-    {"devices", kDevices, "ubs devices", "ubs devices --json"},
-    {"check", kDevices, "ubs check", "ubs check --device gpu --dim 6"},
+    {"devices", kDevices, "ubs devices --doctor", "ubs devices --check --device gpu --dim 6"},
     {"compare", kDevices, "ubs compare --devices cpu,gpu run photos",
      "ubs compare --devices cpu,cuda run photos --train-iterations 100"},
     {"tune", kDevices, "ubs tune", "ubs tune --device gpu --max-time 120"},
@@ -61,10 +58,6 @@ const Examples* examples_of(const std::string& command) {
   const auto found = std::ranges::find_if(kExamples, [&](const Examples& e) { return command == e.command; });
   return found == std::end(kExamples) ? nullptr : &*found;
 }
-
-// Commands that became parts of others, as their users typed them.
-constexpr std::pair<const char*, const char*> kMoved[] = {
-    {"scaling", "bench scaling"}, {"curve", "accuracy curve"}, {"sweep", "stress"}};
 
 bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
 
@@ -128,57 +121,6 @@ class HelpFormatter : public CLI::Formatter {
   }
 };
 
-// "--max-splats" -> max, splat; the s of a plural does not count.
-std::set<std::string> words_of(const std::string& text) {
-  std::set<std::string> words;
-  std::string word;
-  const auto finish = [&] {
-    if (word.size() > 3 && word.ends_with('s')) word.pop_back();
-    if (word.size() > 2 || word == "lr") words.insert(word);
-    word.clear();
-  };
-  for (const char c : text) {
-    if (std::isalnum(static_cast<unsigned char>(c)))
-      word += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    else
-      finish();
-  }
-  finish();
-  return words;
-}
-
-// One that begins like the other is nearly the same word: out, output.
-bool alike(const std::string& a, const std::string& b) {
-  return a == b || (std::min(a.size(), b.size()) >= 3 && (a.starts_with(b) || b.starts_with(a)));
-}
-
-int shared(const std::set<std::string>& asked, const std::set<std::string>& words) {
-  return static_cast<int>(std::ranges::count_if(asked, [&](const std::string& a) {
-    return std::ranges::any_of(words, [&](auto& w) { return alike(a, w); });
-  }));
-}
-
-constexpr std::size_t kMaxSuggestions = 3;
-constexpr int kInName = 3;  // a word of the name says more than one of the description
-
-std::vector<std::string> by_words(const CLI::App& app, const std::string& asked) {
-  const std::set<std::string> words = words_of(asked);
-  int best = 0;
-  std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    if (option->get_lnames().empty()) continue;
-    const std::string& name = option->get_lnames().front();
-    const int score =
-        kInName * shared(words, words_of(name)) + shared(words, words_of(option->get_description()));
-    if (score < best || score == 0) continue;
-    if (score > best) names.clear();
-    best = score;
-    names.push_back("--" + name);
-  }
-  if (names.size() > kMaxSuggestions) names.clear();
-  return names;
-}
-
 }  // namespace
 
 std::string full_name(const CLI::App& app) {
@@ -186,9 +128,6 @@ std::string full_name(const CLI::App& app) {
 }
 
 std::string unknown_subcommand(const CLI::App& root, const std::string& word) {
-  if (const auto* moved = std::ranges::find(kMoved, word, [](const auto& m) { return std::string(m.first); });
-      moved != std::end(kMoved))
-    return fmt::format("'ubs {}' is called 'ubs {}' now", word, moved->second);
   std::vector<std::string> known;
   for (const CLI::App* app : root.get_subcommands([](const CLI::App* a) { return !a->get_group().empty(); }))
     known.push_back(app->get_name());
@@ -221,11 +160,8 @@ std::string suggest_option(const CLI::App& app, const std::vector<std::string>& 
     if (!argument.starts_with("--")) continue;
     const std::string name = argument.substr(0, argument.find('='));
     if (std::ranges::find(known, name.substr(2)) != known.end()) continue;
-    std::vector<std::string> names = by_words(app, name);
-    // A slip of the finger changes little; what differs by more is another word.
-    if (const std::string letters = nearest_word(name.substr(2), known); !letters.empty())
-      names = {"--" + letters};
-    if (!names.empty()) return fmt::format("; did you mean {}?", fmt::join(names, " or "));
+    const std::string nearest = nearest_word(name.substr(2), known);
+    if (!nearest.empty()) return fmt::format("; did you mean --{}?", nearest);
   }
   return "";
 }

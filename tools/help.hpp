@@ -22,11 +22,10 @@ void arrange_commands(CLI::App& root);
 
 // "ubs bench scaling".
 std::string full_name(const CLI::App& app);
-// What a word is that no command has: the new name of an old one, or the nearest.
+// The error message for a word that is not a subcommand, with the nearest one.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);
 
-// "; did you mean --cap-max?", or nothing: an option of nearly the same letters, else those whose names and
-// descriptions share most words with it.
+// "; did you mean --cap-max?" for the first unknown option, or nothing if no option has nearly the same letters.
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments);
 
 }  // namespace ubs::tools

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/text.hpp"
 #include "host/base/warning.hpp"
 #include "host/device/registry.hpp"
@@ -99,17 +98,14 @@ int run(int argc, char** argv) {
       bench,
       accuracy,
       add_stress(root),
-      add_check(root),
       add_tune(root),
       add_metrics(root),
       add_reduce(root),
       add_experiment(root),
       add_cameras(root),
-      add_doctor(root),
-      add_manual(root),
+      add_view(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),
-      add_view(root),
       add_web(root),
 #endif
   };
@@ -140,7 +136,6 @@ int run(int argc, char** argv) {
           ubs::fail(ubs::ErrorKind::usage, "{} stands before '{}', which does not know it",
                     option->get_name(false, false), command.app->get_name());
       check_ranks(*command.app);
-      ubs::set_maker(command.app->get_name());
       return command.run();
     }
   ubs::fail(ubs::ErrorKind::internal, "no subcommand ran");

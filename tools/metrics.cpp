@@ -6,7 +6,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
@@ -14,6 +13,7 @@
 #include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -28,7 +28,7 @@ struct MetricsOptions {
   explicit MetricsOptions(CLI::App& app) : lpips(app) {}
   std::string truth, image, device, out;
   LpipsOptions lpips;
-  bool json = false;
+  bool json = false, overwrite = false;
 };
 
 struct Pair {
@@ -72,7 +72,7 @@ ViewMetrics measure(ImageComparison& comparison, const Pair& pair) {
 }
 
 int run(const MetricsOptions& options) {
-  check_output_files({options.out}, {options.truth, options.image});
+  check_output_files({options.out}, {options.truth, options.image}, options.overwrite);
   const LpipsRequest request = options.lpips.request();
   const std::vector<Pair> pairs = pairs_of(options.truth, options.image);
   const std::unique_ptr<Device> device =
@@ -111,6 +111,7 @@ Command add_metrics(CLI::App& root) {
       ->type_name("FILE|DIR");
   add_device_option(*app, options->device);
   app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -4,11 +4,11 @@
 #include <memory>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/settings_options.hpp"
 
@@ -21,7 +21,7 @@ struct PackOptions {
                        "cache_folder", "frames", "allow_outside"}) {}
   SettingsOptions settings;
   std::string data, out;
-  bool json = false;
+  bool json = false, overwrite = false;
 };
 
 std::size_t image_count(const Split& split) {
@@ -32,7 +32,7 @@ std::size_t image_count(const Split& split) {
 
 int run(const PackOptions& options) {
   files_before_output();
-  check_output_files({options.out}, {options.data});
+  check_output_files({options.out}, {options.data}, options.overwrite);
   const TrainSettings settings = options.settings.resolve();
   Dataset set = open_dataset(options.data, {}, settings, Images::load);
   warn_skipped(set.report);
@@ -73,6 +73,7 @@ Command add_pack(CLI::App& root) {
   app->add_option("--out", options->out, "file to write, by habit with the suffix .ubsd")
       ->required()
       ->type_name("FILE");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -8,7 +8,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
@@ -19,6 +18,7 @@
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/version.hpp"
@@ -40,7 +40,7 @@ struct ReduceOptions {
   RunData run;
   std::string model, data, out, device, effects, only = "all";
   double bound = -1, max_loss_db = 0.05;
-  bool lossless = false, json = false, quiet = false;
+  bool lossless = false, json = false, quiet = false, overwrite = false;
 };
 
 bool has_views(const Dataset& data, const char* name) {
@@ -167,7 +167,7 @@ double search_bound(const ReduceOptions& options, Session& session, const Reduce
 void check(const ReduceOptions& options) {
   if (options.lossless && options.bound >= 0)
     fail(ErrorKind::usage, "--lossless and --bound exclude one another");
-  check_output_files({options.out, options.effects}, {options.model, options.data});
+  check_output_files({options.out, options.effects}, {options.model, options.data}, options.overwrite);
 }
 
 int run(ReduceOptions& options) {
@@ -250,6 +250,7 @@ Command add_reduce(CLI::App& root) {
       ->type_name("FILE");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "no progress on stderr");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};
 }

@@ -9,7 +9,6 @@
 #include <span>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
@@ -18,6 +17,7 @@
 #include "host/run/open_data.hpp"
 #include "host/view/picture.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
@@ -36,6 +36,7 @@ struct RenderOptions : ModelOptions {
   std::string out, video, format = "png";
   std::vector<int> views;
   std::vector<std::string> channels{"rgb"};
+  bool overwrite = false;
 };
 
 std::vector<std::size_t> chosen_views(const std::vector<int>& wanted, const Split& split) {
@@ -68,8 +69,8 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
   for (const View& view : split.views)
     for (const std::string& channel : options.channels)
       names.push_back(file_name(options, channel, view.name));
-  auto held = take_folder(options.out, names, {options.data});
-  check_output_files({options.video}, {options.model, options.data});  // it may lie in the folder
+  auto held = take_folder(options.out, names, {options.data}, options.overwrite);
+  check_output_files({options.video}, {options.model, options.data}, options.overwrite);  // it may lie in the folder
   return held;
 }
 
@@ -105,8 +106,10 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   std::string name = options.split;
   if (options.path.wanted() && !options.path.holds() && !options.split_given()) name = "train";
   Split split;
-  if (!options.data.empty())
+  if (!options.data.empty()) {
     split = open_split_for(model.offset, options.data, name, settings, Images::skip, opened);
+    check_apart_from_images(options.out, split);
+  }
   if (options.path.wanted()) {
     const std::vector<Camera> cameras =
         options.data.empty() ? noted_cameras(model.model, model.notes.cameras) : cameras_of(split);
@@ -266,6 +269,7 @@ Command add_render(CLI::App& root) {
   app->get_option("--split")->description("train, val or test [test; with --path train]");
   app->get_option("--format")->needs("--out");
   app->get_option("--fps")->needs("--video");
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

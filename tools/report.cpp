@@ -8,7 +8,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
@@ -22,6 +21,7 @@
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
@@ -36,7 +36,7 @@ struct ReportOptions {
   std::vector<std::string> runs;
   std::string out, data, device;
   int views = 3;
-  bool json = false, no_viewer = false;
+  bool json = false, no_viewer = false, overwrite = false;
 };
 
 // A model, and where it is: relative to `offset`, or (of a checkpoint) to what the loader of the data
@@ -334,7 +334,7 @@ int run(ReportOptions& options) {
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
-  check_output_files({out}, {options.data});
+  check_output_files({out}, {options.data}, options.overwrite);
   ReportViewer viewer;
   std::vector<ReportRun> runs = open_runs(options, viewer);
   tell_apart(runs, options.runs);
@@ -367,6 +367,7 @@ Command add_report(CLI::App& root) {
       ->type_name("N");
   app->add_flag("--no-viewer", options->no_viewer, "without the live model on top");
   add_device_option(*app, options->device);
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "print what was made for machines");
   return {app, [options] { return run(*options); }};
 }

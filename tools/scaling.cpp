@@ -8,11 +8,11 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
@@ -27,7 +27,7 @@ using namespace ubs::bench;
 struct ScalingToolOptions {
   std::string out, device;
   bench::ScalingOptions scaling;
-  bool processor_time = false;
+  bool processor_time = false, overwrite = false;
 };
 
 void print_point(const ScalingPoint& p) {
@@ -55,7 +55,7 @@ Json fits_json(const std::vector<ScalingFit>& fits, const DeviceInfo& device) {
 
 int run(ScalingToolOptions options) {
   files_before_output();
-  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.svg"});
+  const auto held = take_folder(options.out, {"scaling.csv", "scaling.json", "scaling.svg"}, {}, options.overwrite);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   say("{}\n", describe(device->info()));
   const TimeKind kind = options.processor_time ? TimeKind::processor : TimeKind::wall;
@@ -97,6 +97,7 @@ Command add_scaling(CLI::App& bench) {
   app->add_flag("--processor-time", options->processor_time,
                 "fit and draw processor time a core instead of wall time: for CPUs that others use too");
   app->add_flag("--quick", scaling.quick, "tiny points only: shows that everything runs");
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

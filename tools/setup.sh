@@ -19,9 +19,9 @@ packages=(
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
   libopencv-features2d-dev libopencv-calib3d-dev
   libjpeg-dev libpng-dev                                     # JPEG and PNG with damage as errors
-  libopencv-highgui-dev xvfb                                 # ubs view, and a display for its test
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
-  libboost-dev                                               # ubs train --serve
+  libboost-dev                                               # ubs view, ubs train --serve
+  help2man                                                   # manual pages; optional
   libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)
 )
@@ -86,12 +86,12 @@ demo() {
   [ -e /dev/nvidiactl ] || cuda=OFF
   build ubs
   local ubs=$build/ubs out=out/demo
-  "$ubs" synth glossy --size 200 --out $out/data
+  "$ubs" synth glossy --size 200 --out $out/data --overwrite
   "$ubs" train --data $out/data --out $out/run --spec data_specs/demo.yaml --overwrite
-  "$ubs" report $out/run --out $out/report.html
-  "$ubs" synth orbit --size 160 --views 80 --supersampling 2 --out $out/moving-data
+  "$ubs" report $out/run --out $out/report.html --overwrite
+  "$ubs" synth orbit --size 160 --views 80 --supersampling 2 --out $out/moving-data --overwrite
   "$ubs" train --data $out/moving-data --out $out/moving --spec data_specs/demo.yaml --dim 4 --iterations 1500 --overwrite
-  "$ubs" web $out/moving $out/moving-data --out $out/moving.html --title "A model with time"
+  "$ubs" web $out/moving $out/moving-data --out $out/moving.html --title "A model with time" --overwrite
   cat <<TEXT
 
 model         $out/run/model.ply

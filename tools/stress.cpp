@@ -11,13 +11,13 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
@@ -36,7 +36,7 @@ constexpr int kFailureExitCode = 9;
 struct StressOptions {
   std::string device, raster = "auto", regex, json, out, replay;
   std::uint64_t seed = 1, first = 0, cases = 3000;
-  bool list = false;
+  bool list = false, overwrite = false;
 };
 
 std::regex pattern_of(const std::string& text) {
@@ -148,8 +148,8 @@ int run(const StressOptions& options) {
     say("{:<22} {}\n", "random", "randomised campaign: --seed, --first, --cases");
     return 0;
   }
-  const auto held = take_folder(options.out, {"stress.md"});
-  check_output_files({options.json}, {});
+  const auto held = take_folder(options.out, {"stress.md"}, {}, options.overwrite);
+  check_output_files({options.json}, {}, options.overwrite);
   const std::unique_ptr<Device> device = open_device(options.device);
   DeviceRunner runner(*device, raster_kind(options.raster, device->info()));
   if (!options.replay.empty()) return replay(options, runner);
@@ -208,6 +208,7 @@ Command add_stress(CLI::App& root) {
       ->type_name("DIR");
   for (const char* campaign : {"--run", "--list", "--seed", "--cases", "--first", "--json", "--out"})
     replay->excludes(app->get_option(campaign));
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

@@ -7,6 +7,7 @@
 #include "tools/commands.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -36,7 +37,7 @@ Command add_synth(CLI::App& root) {
   app->add_option("scene", scene.scene, "glossy (static, reflections), orbit (dynamic), cloud (volume)")
       ->required()
       ->type_name("SCENE");
-  app->add_option("--out", options->out, "data folder to write; an earlier export is replaced")
+  app->add_option("--out", options->out, "data folder to write")
       ->required()
       ->type_name("DIR");
   CLI::Option* width = app->add_option("--width", scene.width, "image width")->capture_default_str();
@@ -52,6 +53,7 @@ Command add_synth(CLI::App& root) {
   app->add_option("--seed", scene.seed, "places the cameras; shapes the cloud")
       ->check(not_negative())
       ->capture_default_str();
+  add_overwrite_option(*app, scene.overwrite);
   return {app, [options] { return run(*options); }};
 }
 

@@ -28,6 +28,8 @@
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
+#include "tools/common/page_views.hpp"
 #include "tools/common/progress.hpp"
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
@@ -177,17 +179,6 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   return budget;
 }
 
-serve::Scene live_scene(const Start& start, const Split& train, const SplatModel& initial) {
-  const std::vector<Camera> cameras = cameras_of(train);
-  serve::Scene scene{.title = std::filesystem::path(start.out).filename().string(),
-                     .frame = scene_frame({{initial}}, cameras),
-                     .has_time = has_time(initial.dim)};
-  const std::size_t step = (cameras.size() + serve::kMaxCameras - 1) / serve::kMaxCameras;
-  for (std::size_t i = 0; i < cameras.size(); i += step)
-    scene.cameras.push_back({.name = train.views[i].name, .camera = cameras[i]});
-  return scene;
-}
-
 // The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
 void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkative) {
   if (!start.checkpoint) return folder.begin(start.settings);
@@ -270,7 +261,8 @@ int run(const TrainOptions& options) {
   if (ranks().size() > 1) check_shared(options);
   TrainSettings& settings = start.settings;
   RunFolder folder(start.out, ranks().first());
-  if (!start.checkpoint) folder.check_new(options.start.overwrite);
+  const bool overwrite = options.start.overwrite || start.checkpoint;
+  folder.check_files(overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
   std::optional<EndOnRequest> beforehand(std::in_place);
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
@@ -281,7 +273,8 @@ int run(const TrainOptions& options) {
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
   const Split train_split = take_train(data, settings, !start.checkpoint);
   const Split test_split = take_test(data, settings);
-  folder.check_renders(test_split, settings.save_renders);
+  folder.check_renders(test_split, settings.save_renders, overwrite);
+  for (const Split* split : {&train_split, &test_split}) folder.check_apart_from(*split);
   const std::unique_ptr<Device> device =
       open_proved_device(device_of_rank(options.device), use_of(settings, options));
   std::unique_ptr<ImageMetrics> networks;
@@ -327,7 +320,7 @@ int run(const TrainOptions& options) {
   std::optional<serve::LiveTraining> live;
   if (server)
     live.emplace(*server, options.serve_share, *device, trainer, settings,
-                 live_scene(start, train_split, initial));
+                 served_scene(start.out, initial, train_split));
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
   take_pace(trainer, settings);
@@ -355,6 +348,8 @@ int run(const TrainOptions& options) {
       json["offset"] = data.offset;
       json["data_print"] = data_print;
       if (device_kinds > 1) json["picture_differences_by_rank"] = differences;
+      json["renders"] = outcome.interrupted ? std::vector<std::string>{}
+                                            : RunFolder::render_names(test_split, settings.save_renders);
       json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
@@ -405,7 +400,7 @@ Command add_train(CLI::App& root) {
                 "with --resume: also on another device (other bits)")
       ->needs("--resume")
       ->group(kRareGroup);
-  app->add_flag("--overwrite", options->start.overwrite, "replace the model in the output folder");
+  add_overwrite_option(*app, options->start.overwrite);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
                   "percent of the time of training that visitors of --serve may cost [5]")

@@ -55,7 +55,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   if (outcome.interrupted)
     say("go on with  ubs train --resume {}\n", run);
   else
-    say("next     ubs report {0} (a page), ubs view {0} (a window), ubs render {0} --video flight.mp4\n",
+    say("next     ubs report {0} (a page), ubs view {0} (in the browser), ubs render {0} --video "
+        "flight.mp4\n",
         run);
 }
 

@@ -6,11 +6,11 @@
 #include <filesystem>
 
 #include "host/base/error.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/run/same_run.hpp"
 #include "host/run/training_data.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/run_keeper.hpp"
 
 namespace ubs::tools {

@@ -6,7 +6,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/bench/bench_case.hpp"
 #include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
@@ -14,6 +13,7 @@
 #include "host/run/proved_device.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
@@ -26,7 +26,7 @@ namespace {
 struct TuneOptions {
   std::string device, raster = "auto", size, model, data, json;
   double max_seconds = 0;
-  bool quick = false, dry_run = false;
+  bool quick = false, dry_run = false, overwrite = false;
 };
 
 std::string verdict(const bench::Trial& trial) {
@@ -87,7 +87,7 @@ void write_json(const TuneOptions& options, const DeviceInfo& device, const benc
 
 int run(const TuneOptions& options) {
   files_before_output();
-  check_output_files({options.json}, {options.model});
+  check_output_files({options.json}, {options.model}, options.overwrite);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use({}));
   const RasterKind raster = raster_kind(options.raster, device->info());
   const TunedTable table = tunable(*device).tuned_constants();
@@ -147,6 +147,7 @@ Command add_tune(CLI::App& root) {
   app->add_flag("--quick", options->quick, "a small scene, hardly repeated: shows that everything runs");
   app->add_flag("--dry-run", options->dry_run, "measure and print, store nothing");
   app->add_option("--json", options->json, "write all trials to this file")->type_name("FILE");
+  add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};
 }
 

@@ -3,24 +3,23 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
-#include <optional>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/output_place.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
 #include "host/report/page_picture.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
-#include "host/view/camera_path.hpp"
 #include "host/view/picture.hpp"
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/page_views.hpp"
 #include "tools/common/path_options.hpp"
 
 namespace ubs::tools {
@@ -28,7 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kCamerasAround = 12;    // of a model that names none
 constexpr int kLongestPoster = 1024;  // pixels, in the page
 
 struct WebOptions : ModelOptions {
@@ -36,26 +34,8 @@ struct WebOptions : ModelOptions {
   std::string out, poster, title;
   double psnr = web::kPsnr;
   int view = 0, levels = 1;
-  bool exact = false, embed = false, json = false, quiet = false;
+  bool exact = false, embed = false, json = false, quiet = false, overwrite = false;
 };
-
-// Of the data, else those that the model remembers, else around it.
-Split web_views(const WebOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
-                const std::optional<OpenedData>& opened) {
-  if (!options.data.empty())
-    return open_split_for(loaded.offset, options.data, options.split, settings, Images::skip, opened);
-  Split split{.name = "views", .views = {}};
-  std::vector<Camera> cameras = noted_cameras(loaded.model, loaded.notes.cameras);
-  if (cameras.empty()) {
-    const SceneFrame frame = scene_frame(loaded.model, {}, frame_hints(loaded));
-    const auto path = orbit_path(frame, 0.87, 1);
-    for (int i = 0; i < kCamerasAround; ++i)
-      cameras.push_back(camera_at(path->at(i / static_cast<double>(kCamerasAround)), {.extra = frame.extra}));
-  }
-  for (std::size_t i = 0; i < cameras.size(); ++i)
-    split.views.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
-  return split;
-}
 
 web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
   const std::vector<Camera> cameras = cameras_of(split);
@@ -86,14 +66,14 @@ int run(WebOptions& options) {
   const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
     fail(ErrorKind::usage, "--out {}: --embed, --poster and --title are of a page", options.out);
-  check_output_files({options.out, options.poster}, {options.model, options.data});
+  check_output_files({options.out, options.poster}, {options.model, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   RunData run;
   if (!options.data.empty()) run = use_run_data(options.model, options.data);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
-  const Split split = web_views(options, loaded, settings, run.opened);
+  const Split split = page_views(options, loaded, settings, run.opened, frame_hints(loaded));
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
     fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);
   const auto note = [&](const std::string& text) {
@@ -185,6 +165,7 @@ Command add_web(CLI::App& root) {
   app->add_flag("--embed", options->embed,
                 "for a frame in another page: controls folded, the wheel scrolls until a click");
   app->add_option("--title", options->title, "of the page [name of the file]")->type_name("TEXT");
+  add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   app->add_flag("--quiet", options->quiet, "no notes on the way");
   return {app, [options] { return run(*options); }};

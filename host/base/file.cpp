@@ -57,10 +57,9 @@ namespace {
 
 constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
-bool is_synchronised(FileUse use) { return use != FileUse::cache; }
-bool is_listed(FileUse use) { return use == FileUse::result || use == FileUse::log; }
+constexpr const char* kTemporary = ".ubs-tmp-";
 
-// Once a process for every folder.
+// Once per process and folder.
 void tidy(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<fs::path> known;
@@ -108,27 +107,31 @@ void rename_or_fail(const fs::path& from, const fs::path& to) {
     fail(ErrorKind::data, "{}: cannot rename into place: {}", to.string(), std::strerror(errno));
 }
 
-class Descriptor {
- public:
-  Descriptor(const fs::path& path, int flags)
-      : file_(uninterrupted([&] { return ::open(path.c_str(), flags | O_CLOEXEC); })) {
-    if (file_ < 0) fail(ErrorKind::data, "{}: cannot open: {}", path.string(), std::strerror(errno));
-  }
-  ~Descriptor() { ::close(file_); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  int number() const { return file_; }
-
- private:
-  int file_;
-};
-
 }  // namespace
+
+void check_ordinary(const fs::path& path) {
+  struct stat status {};
+  if (::lstat(path.c_str(), &status) != 0 || S_ISREG(status.st_mode)) return;  // opening says what is wrong
+  fail(ErrorKind::data, "{}: is {}, so it is not replaced by a file: choose another name", path.string(),
+       S_ISDIR(status.st_mode)   ? "a folder"
+       : S_ISLNK(status.st_mode) ? "a symbolic link"
+                                 : "not an ordinary file");
+}
+
+void remove_abandoned(const fs::path& folder) {
+  std::error_code error;
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+    if (!at->path().filename().native().starts_with(kTemporary)) continue;
+    const int file = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    if (file < 0) continue;
+    if (::flock(file, LOCK_EX | LOCK_NB) == 0) ::unlink(at->path().c_str());
+    ::close(file);
+  }
+}
 
 AtomicFile::AtomicFile(fs::path path, FileUse use, std::string_view suffix)
     : path_(std::move(path)), use_(use) {
-  if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder, cannot write a file", path_.string());
-  if (is_listed(use_)) check_replaceable(path_);
+  check_ordinary(path_);
   tidy(folder_of(path_));
   file_ = open_temporary(folder_of(path_), suffix, temporary_);
   if (file_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
@@ -152,7 +155,6 @@ void AtomicFile::flush() {
 }
 
 void AtomicFile::put(std::span<const std::byte> bytes) {
-  content_.add(bytes);
   while (!bytes.empty()) {
     const auto written = uninterrupted([&] { return ::write(file_, bytes.data(), bytes.size()); });
     if (written < 0) fail_writing(path_);
@@ -160,15 +162,9 @@ void AtomicFile::put(std::span<const std::byte> bytes) {
   }
 }
 
-const Content& AtomicFile::content() {
+void AtomicFile::skip(std::uint64_t bytes) {
   flush();
-  return content_;
-}
-
-void AtomicFile::skip(const Content& written) {
-  flush();
-  content_.add(written);
-  if (::lseek(file_, static_cast<off_t>(written.size), SEEK_CUR) < 0) fail_writing(path_);
+  if (::lseek(file_, static_cast<off_t>(bytes), SEEK_CUR) < 0) fail_writing(path_);
 }
 
 PartOfFile::PartOfFile(fs::path temporary)
@@ -191,31 +187,13 @@ void PartOfFile::write(std::uint64_t offset, std::span<const std::byte> bytes) {
 
 void PartOfFile::sync() { sync_or_fail(file_, path_); }
 
-void AtomicFile::take_other_content() {
-  const Descriptor other(temporary_, O_RDONLY);
-  buffer_.resize(kBufferBytes);
-  for (;;) {
-    const auto read = uninterrupted([&] { return ::read(other.number(), buffer_.data(), buffer_.size()); });
-    if (read < 0) fail(ErrorKind::data, "{}: cannot read: {}", temporary_.string(), std::strerror(errno));
-    if (read == 0) break;
-    content_.add(std::span(buffer_).first(static_cast<std::size_t>(read)));
-  }
-  if (is_synchronised(use_)) sync_or_fail(other.number(), path_);
-}
-
 void AtomicFile::commit() {
   flush();
-  if (content_.size == 0) take_other_content();
-  if (is_synchronised(use_)) sync_or_fail(file_, path_);
-  if (is_listed(use_)) {
-    check_replaceable(path_);
-    note_made(path_, content_, use_ == FileUse::log);
-  }
+  if (use_ == FileUse::result) sync_or_fail(file_, path_);
   rename_or_fail(temporary_, path_);
   ::close(file_);
   file_ = -1;
-  if (is_listed(use_)) remember_written(path_);
-  if (is_synchronised(use_)) sync_folder(folder_of(path_));
+  if (use_ == FileUse::result) sync_folder(folder_of(path_));
 }
 
 void write_file_atomically(const fs::path& path, std::span<const std::byte> bytes, FileUse use) {

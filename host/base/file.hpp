@@ -1,21 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole-file reading, and writing that is never seen half done: data go to a temporary file in the
+// Reading whole files, and writing files that are never seen half done: the data go to a temporary file in the
 // same folder, which takes the final name in one rename. Every failure names the path.
 //
-// Results are on the disk when commit() returns: the file is synchronised before the rename, its folder
-// behind it. So a power cut leaves the old file or the new one, and what was written before another file is
-// there if that one is.
+// Results are on the disk when commit() returns: the file is synchronised before the rename, its folder after
+// it. So a power cut leaves the old file or the new one, and what was written before another file is there if
+// that one is.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include "host/base/made_files.hpp"
 
 namespace ubs {
 
@@ -26,21 +25,23 @@ std::ifstream open_for_reading(const std::filesystem::path& path, std::size_t& s
 std::vector<std::byte> read_file(const std::filesystem::path& path);
 std::string read_text_file(const std::filesystem::path& path);
 
-// What a file is for decides what it may replace and whether it is waited for.
+// Throws Error(data) if there is something of that name that is not an ordinary file (a folder, a symbolic
+// link, a device): a rename would replace the link or the device itself.
+void check_ordinary(const std::filesystem::path& path);
+
 enum class FileUse {
-  result,   // replaces only what an earlier run of the same command made (made_files.hpp); synchronised
-  log,      // as a result; it grows afterwards, so that only its beginning is compared
-  setting,  // in a folder of ours alone: replaces what has its name; synchronised
-  cache     // as a setting, but not synchronised: it can be made again, readers must notice damage, and
-            // waiting for the disk could cost more than making it
+  result,  // synchronised
+  cache    // not synchronised: it can be made again, readers must notice damage, and waiting for the disk could
+           // cost more than making it
 };
 
-// Writes into ".ubs-tmp-<process>-<number><suffix>" beside `path` until commit(); a destructor without
-// commit removes it. While it is written it is locked (flock): what is found unlocked was left by a killed
-// process, and is removed when a process writes its first file into the folder.
+// Writes into ".ubs-tmp-<process>-<number><suffix>" beside `path` until commit(), which replaces the file of
+// that name; a destructor without commit removes the temporary file. While it is written it is locked (flock):
+// an unlocked one was left by a killed process, and is removed when a process writes its first file into the
+// folder.
 class AtomicFile {
  public:
-  // Throws Error(usage) where `path` may not be replaced, Error(data) where it cannot be written.
+  // Throws Error(data) if `path` is not an ordinary file, or cannot be written.
   explicit AtomicFile(std::filesystem::path path, FileUse use = FileUse::result,
                       std::string_view suffix = {});
   ~AtomicFile();
@@ -50,27 +51,23 @@ class AtomicFile {
   void write(std::span<const std::byte> bytes);
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
   void commit();
-  // What has been written so far.
-  const Content& content();
-  // Behind that, others have written so much into temporary() (PartOfFile).
-  void skip(const Content& written);
 
-  // For encoders that take a name: what they write there, and nothing through write(), is committed.
+  // For encoders that take a name, and for parts of the file that other processes write.
   const std::filesystem::path& temporary() const { return temporary_; }
+  // Goes on behind `bytes` that others write into temporary() (PartOfFile).
+  void skip(std::uint64_t bytes);
 
  private:
   void flush();
   void put(std::span<const std::byte> bytes);
-  void take_other_content();
 
   std::filesystem::path path_, temporary_;
   FileUse use_;
   int file_ = -1;
   std::vector<std::byte> buffer_;
-  Content content_;  // of what was written
 };
 
-// A part of the temporary file of an AtomicFile that another process has made.
+// A part of the temporary file of an AtomicFile that another process writes.
 class PartOfFile {
  public:
   explicit PartOfFile(std::filesystem::path temporary);
@@ -89,5 +86,8 @@ void write_file_atomically(const std::filesystem::path& path, std::span<const st
                            FileUse use = FileUse::result);
 void write_file_atomically(const std::filesystem::path& path, std::string_view text,
                            FileUse use = FileUse::result);
+
+// Removes temporary files in the folder that killed processes have left: those that nobody holds by flock.
+void remove_abandoned(const std::filesystem::path& folder);
 
 }  // namespace ubs

@@ -14,7 +14,6 @@
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/warning.hpp"
@@ -32,7 +31,7 @@ std::string this_holder() {
   const std::time_t now = std::time(nullptr);
   std::tm parts{};
   std::strftime(date, sizeof date, "%Y-%m-%d %H:%M:%S UTC", gmtime_r(&now, &parts));
-  return fmt::format("'ubs {}', process {} on {}, since {}", maker(), getpid(), host, date);
+  return fmt::format("process {} on {}, since {}", getpid(), host, date);
 }
 
 std::string holder_in(const fs::path& path) {

@@ -82,6 +82,7 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
   ImageSize original;
   if (exists) {
     const ImageInfo info = image_file_info(pending.image);
+    view.file = pending.image;
     original = info.size;
     view.opaque = info.opaque;
   } else if (stated) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The module of opencv_parts.hpp.
-#include <opencv2/highgui.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/data/opencv_parts.hpp"
@@ -12,21 +11,6 @@ extern "C" const ubs::OpencvParts* ubs_opencv_parts() {
       .capture = [] { return cv::makePtr<cv::VideoCapture>(); },
       .writer = [] { return cv::makePtr<cv::VideoWriter>(); },
       .open_writer = [](cv::VideoWriter& writer, const cv::String& path, int backend, int fourcc, double fps,
-                        cv::Size size) { return writer.open(path, backend, fourcc, fps, size, true); },
-      .namedWindow = cv::namedWindow,
-      .destroyAllWindows = cv::destroyAllWindows,
-      .resizeWindow = cv::resizeWindow,
-      .getWindowImageRect = cv::getWindowImageRect,
-      .getWindowProperty = cv::getWindowProperty,
-      .saveWindowParameters = cv::saveWindowParameters,
-      .loadWindowParameters = cv::loadWindowParameters,
-      .imshow = cv::imshow,
-      .waitKey = cv::waitKey,
-      .waitKeyEx = cv::waitKeyEx,
-      .setMouseCallback = cv::setMouseCallback,
-      .getMouseWheelDelta = cv::getMouseWheelDelta,
-      .createTrackbar = cv::createTrackbar,
-      .getTrackbarPos = cv::getTrackbarPos,
-      .setTrackbarPos = cv::setTrackbarPos};
+                        cv::Size size) { return writer.open(path, backend, fourcc, fps, size, true); }};
   return &parts;
 }

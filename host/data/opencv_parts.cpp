@@ -34,7 +34,7 @@ const OpencvParts& load() {
     tried += fmt::format("; {}", dlerror());
   }
   fail(ErrorKind::data,
-       "{}: OpenCV's codecs, videos and windows are in this file, which belongs beside the library, or into "
+       "{}: OpenCV's codecs and videos are in this file, which belongs beside the library, or into "
        "lib or ../lib of the program's folder{}",
        kModule, tried);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenCV's codecs, videos and windows. They bring 240 libraries, which take five times as long to load as all
+// OpenCV's codecs and videos. They bring 220 libraries, which take five times as long to load as all
 // others (docs/results/2026-11-24-starts.md), and most commands need none of them: they are in a module of
 // their own (opencv_module.cpp), which is loaded when one of them is called first.
 #pragma once
@@ -20,23 +20,6 @@ struct OpencvParts {
   cv::Ptr<cv::VideoWriter> (*writer)();
   bool (*open_writer)(cv::VideoWriter& writer, const cv::String& path, int backend, int fourcc, double fps,
                       cv::Size size);
-
-  void (*namedWindow)(const cv::String& window, int flags);
-  void (*destroyAllWindows)();
-  void (*resizeWindow)(const cv::String& window, const cv::Size& size);
-  cv::Rect (*getWindowImageRect)(const cv::String& window);
-  double (*getWindowProperty)(const cv::String& window, int property);
-  void (*saveWindowParameters)(const cv::String& window);
-  void (*loadWindowParameters)(const cv::String& window);
-  void (*imshow)(const cv::String& window, cv::InputArray picture);
-  int (*waitKey)(int milliseconds);
-  int (*waitKeyEx)(int milliseconds);
-  void (*setMouseCallback)(const cv::String& window, void (*)(int, int, int, int, void*), void* data);
-  int (*getMouseWheelDelta)(int flags);
-  int (*createTrackbar)(const cv::String& name, const cv::String& window, int* value, int count,
-                        void (*)(int, void*), void* data);
-  int (*getTrackbarPos)(const cv::String& name, const cv::String& window);
-  void (*setTrackbarPos)(const cv::String& name, const cv::String& window, int position);
 };
 
 // Loaded once, by any thread. Error(data) where the module cannot be loaded.

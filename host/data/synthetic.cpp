@@ -11,7 +11,6 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
@@ -22,9 +21,6 @@ namespace ubs::synthetic {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr const char* kMarker = "synthetic.json";
-constexpr const char* kGenerator = "ubs synthetic";
 
 struct SplitPlan {
   const char* name;
@@ -135,36 +131,31 @@ void check_options(const SyntheticOptions& o) {
   check("supersampling", o.supersampling, 1, 16);
 }
 
+fs::path transforms_file(const fs::path& out, const SplitPlan& split) {
+  return out / fmt::format("transforms_{}.json", split.name);
+}
+
+// What the export may write or remove.
 std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
-  std::vector<fs::path> files{out / kMarker};
+  std::vector<fs::path> files;
   for (const SplitPlan& split : plan(o)) {
-    files.push_back(out / fmt::format("transforms_{}.json", split.name));
+    files.push_back(transforms_file(out, split));
     for (int i = 0; i < split.views; ++i) files.push_back(out / split.name / (image_name(i) + ".png"));
   }
   return files;
 }
 
-// Removes what an earlier export wrote, and only that.
+// Without the JSON files of an earlier export the folder is no data set until the new ones are written.
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
   if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
-  if (path_exists(out) && !folder_entries(out).empty()) {
-    // An export that ended before its first file leaves traces of ours.
-    if (!is_own_result(out / kMarker) && !is_only_made(out, {}))
-      fail(ErrorKind::usage,
-           "{}: is not empty and not an earlier synthetic export (of a version that keeps a list of its "
-           "files): choose another folder",
-           out.string());
-    check_replaceable(files_of(o, out));
-    std::vector<fs::path> folders;
-    for (const SplitPlan& split : plan(o)) folders.push_back(out / split.name);
-    folders.push_back(out);
-    for (const fs::path& folder : folders) check_removable(folder);
-    for (const fs::path& folder : folders) remove_made(folder);
+  for (const fs::path& file : files_of(o, out)) {
+    check_ordinary(file);
+    if (!o.overwrite && path_exists(file))
+      fail(ErrorKind::usage, "{}: exists; choose another folder, or replace it with --overwrite",
+           file.string());
   }
   make_folders(out);
-  const Json marker{
-      {"generator", kGenerator}, {"scene", o.scene}, {"supersampling", o.supersampling}, {"seed", o.seed}};
-  write_file_atomically(out / kMarker, marker.dump(1) + "\n");
+  for (const SplitPlan& split : plan(o)) remove_path(transforms_file(out, split));
 }
 
 void render_split(const Scene& scene, const SplitPlan& split, const SyntheticOptions& o,
@@ -193,7 +184,7 @@ void export_synthetic(const SyntheticOptions& options, const std::filesystem::pa
     if (split.views > 0) render_split(*scene, split, options, out);
   for (const SplitPlan& split : plan(options))
     if (split.views > 0)
-      write_file_atomically(out / fmt::format("transforms_{}.json", split.name),
+      write_file_atomically(transforms_file(out, split),
                             transforms_json(split, options, *scene).dump(1) + "\n");
 }
 

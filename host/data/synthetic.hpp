@@ -23,13 +23,14 @@ struct SyntheticOptions {
   int train_views = 40, test_views = 8, val_views = 0;  // a split with 0 views has no JSON file
   int supersampling = 3;                                // rays per pixel and axis
   std::uint64_t seed = 0;                               // places the cameras; shapes the cloud
+  bool overwrite = false;                               // files of these names, of an earlier export
 };
 
 std::vector<std::string> synthetic_scene_names();
 
-// Equal options give equal bytes. Replaces an earlier export in `out` (known by its synthetic.json);
-// any other folder that is not empty is refused. The JSON files come last: an interrupted export has
-// none and cannot be mistaken for a complete one.
+// Equal options give equal bytes. Throws Error(usage) if files of its names exist in `out` and
+// options.overwrite is false; other files there are left alone. The JSON files come last: an interrupted
+// export has none and cannot be mistaken for a complete one.
 void export_synthetic(const SyntheticOptions& options, const std::filesystem::path& out);
 
 }  // namespace ubs

@@ -40,6 +40,7 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   ImageSize size{lens.width, lens.height};
   if (exists) {
     const ImageInfo info = image_file_info(file);
+    view.file = file;
     size = info.size;
     view.opaque = info.opaque;
     report_size(size, lens, report);

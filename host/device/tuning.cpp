@@ -117,7 +117,7 @@ void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, 
   json["format"] = kFormat;
   json["values"] = Json::object();
   for (const auto& [macro, value] : all) json["values"][macro] = value;
-  write_file_atomically(file, json_text(json, 2) + "\n", FileUse::setting);
+  write_file_atomically(file, json_text(json, 2) + "\n");
 }
 
 }  // namespace ubs

@@ -71,7 +71,7 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
   std::vector<char*> pointers;
   for (std::string& argument : copies) pointers.push_back(argument.data());
   pointers.push_back(nullptr);
-  write_file_atomically(log, command_text(arguments), FileUse::log);
+  write_file_atomically(log, command_text(arguments));
   const int file = open(log.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", log.string(), std::strerror(errno));
   const pid_t parent = getpid();

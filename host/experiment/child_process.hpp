@@ -18,7 +18,7 @@ struct ChildResult {
 
 enum class Request { none, interrupt, kill };  // interrupt: SIGINT, which lets it save
 
-// Standard output and error go to `log` behind the command (FileUse::log), standard input is empty. `poll` is
+// Standard output and error go to `log` behind the command, standard input is empty. `poll` is
 // asked about every 50 ms and may ask the child to end; SIGINT is sent once only. A child gets SIGTERM when
 // this process dies. Throws Error(internal) when no process can be made.
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,

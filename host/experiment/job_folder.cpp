@@ -8,7 +8,6 @@
 #include "host/base/file.hpp"
 #include "host/base/folder_lock.hpp"
 #include "host/base/json.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/warning.hpp"
 
@@ -42,7 +41,6 @@ void check_finished(const Json& json, const std::string& file) {
 // under another name.
 void clear(const fs::path& folder) {
   if (!path_exists(folder)) return;
-  if (is_only_made(folder, {maker(), "experiment", "train", "eval"})) return remove_tree(folder);
   fs::path other;
   for (int i = 1; other.empty() || path_exists(other); ++i)
     other = fs::path(folder).concat(fmt::format(".old-{}", i));

@@ -20,6 +20,9 @@ struct RunCameras {
   std::span<const FittedCamera> cameras;  // of its views
 };
 
+// The files that write_run_cameras() writes.
+inline constexpr std::array kRunCameraFiles{"cameras.txt", "images.txt", "points3D.txt", "transforms.json"};
+
 // `offset`: of the cameras in the world.
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,
                        const std::array<double, 3>& offset);

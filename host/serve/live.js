@@ -20,6 +20,7 @@ class Live {
     cameras.onchange = () => this.jump(cameras.selectedIndex);
     const time = this.find('input[type=range]');
     time.parentNode.hidden = !options.timed;
+    if (!options.training) this.find('svg').remove();  // curves
     this.find('details').open = innerWidth > 700;
     time.value = this.camera.time;
     time.oninput = () => {
@@ -35,6 +36,7 @@ class Live {
       q: () => camera.fly(0, way, 0),
       e: () => camera.fly(0, -way, 0),
       home: () => this.jump(this.at),
+      p: () => this.save(),
     });
     new ResizeObserver(() => this.change()).observe(this.canvas);
     this.connect();
@@ -115,6 +117,12 @@ class Live {
       this.later = setTimeout(() => this.ask(), REST_MS);
     else if (this.options.training)
       this.later = setTimeout(() => this.ask(), REFRESH_MS);
+  }
+
+  save() {
+    const link = document.createElement('a');
+    Object.assign(link, {href: this.canvas.toDataURL(), download: `${document.title}.png`});
+    link.click();
   }
 
   jump(index) {

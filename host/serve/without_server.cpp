@@ -6,7 +6,8 @@
 namespace ubs::serve {
 struct Server::Implementation {};
 Server::Server(const Address&) {
-  fail(ErrorKind::usage, "--serve: this build has no server (Debian: libboost-dev; cmake -DUBS_SERVE=ON)");
+  fail(ErrorKind::usage,
+       "this build has no server for pages in the browser (Debian: libboost-dev; cmake -DUBS_SERVE=ON)");
 }
 Server::~Server() = default;
 const std::string& Server::url() const {

@@ -169,62 +169,6 @@ bool assign(const FieldValue& field, std::string_view text) {
                     field.value);
 }
 
-// Keys of earlier versions, and the values whose behaviour is what every run has now: runs, checkpoints and
-// specs that hold them stay readable. Measurements behind it: docs/results/2026-11-21-switches.md,
-// docs/cuda.md.
-struct RetiredKey {
-  std::string_view key, values;  // separated by |
-};
-constexpr RetiredKey kRetired[] = {
-    {"relaxed_math", "false"},
-    {"record_storage", "float"},
-    {"gradient_storage", "float"},
-    {"sort_bits", "32"},
-    {"tile", "16"},
-    {"extents", "opacity|support"},
-    {"view_cull", "on"},
-    {"block_cull", "ellipse"},
-    {"skip_finished", "on"},
-    {"masked_backward", "on"},
-    {"list_counts", "auto|wait|bound"},
-    {"launch_graph", "auto|true|false"},
-    {"atomics", "false"},
-    {"backward", "auto|pixels"},
-    {"scale_reg", "0.01"},
-    {"scale_reg_mode", "official"},
-    {"lr_rotation", "0.001"},
-    {"lr_sh_rest", "0.000125"},
-    {"first_frame", "0"},
-    {"frame_step", "1"},
-    {"eval_at_seconds", ""},
-    {"vector_width", "0"},
-    {"tanh_floor", "on"},
-    {"noise_when", "events"},
-    {"noise_gate", "pow100"},
-    {"beta_init", "0"},
-    {"lr_appearance", "0.02"},
-    {"lr_sh0", "0.0025"},
-};
-
-// Keys of before that are a number of a range now.
-constexpr struct {
-  std::string_view key, range;
-  int IndexRange::*part;
-} kPartsOfRanges[] = {{"refine_start", "refine", &IndexRange::first},
-                      {"refine_stop", "refine", &IndexRange::end},
-                      {"refine_every", "refine", &IndexRange::step}};
-
-// Whether it is one; throws Error(usage) for a value whose behaviour is gone.
-bool is_retired(std::string_view key, std::string_view text, std::string_view origin) {
-  const auto* const found = std::ranges::find(kRetired, key, &RetiredKey::key);
-  if (found == std::end(kRetired)) return false;
-  const auto values = split(found->values, '|');
-  if (std::ranges::find(values, text) == values.end())
-    fail(ErrorKind::usage, "{}: {} = '{}' is of an earlier version: this one has '{}' only; leave it out",
-         origin, key, text, found->values);
-  return true;
-}
-
 [[noreturn]] void fail_unknown(FieldValues fields, std::string_view key, std::string_view origin) {
   std::vector<std::string> keys;
   for (const FieldValue& field : fields) keys.emplace_back(field.key);
@@ -301,21 +245,7 @@ std::string field_domain(const FieldValue& field) {
 
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin) {
   const auto field = std::ranges::find_if(fields, [&](const FieldValue& f) { return f.key == key; });
-  if (field == fields.end()) {
-    if (is_retired(key, trim(text), origin)) return;
-    if (const auto* part = std::ranges::find(kPartsOfRanges, key, [](const auto& p) { return p.key; });
-        part != std::end(kPartsOfRanges)) {
-      const auto range = std::ranges::find(fields, part->range, [](const FieldValue& f) { return f.key; });
-      if (range == fields.end()) fail_unknown(fields, key, origin);
-      const auto value = parse_whole(trim(text));
-      if (!value || *value < 0 || *value > range->max)
-        fail(ErrorKind::usage, "{}: {} = '{}' is not allowed: expected an integer 0 to {:g}; '{}' is {} now",
-             origin, key, text, range->max, part->range, field_domain(*range));
-      std::get<IndexRange*>(range->value)->*part->part = static_cast<int>(*value);
-      return;
-    }
-    fail_unknown(fields, key, origin);
-  }
+  if (field == fields.end()) fail_unknown(fields, key, origin);
   if (!assign(*field, trim(text)))
     fail(ErrorKind::usage, "{}: {} = '{}' is not allowed: expected {}", origin, key, text,
          field_domain(*field));

@@ -24,8 +24,7 @@ std::string to_string(const Background& background);
 // What may be written, for help and messages: "integer 1 to 8", "auto or number >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
 
-// A key of an earlier version sets nothing when its value is what every run has now, and is refused
-// otherwise. `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
+// `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
 // "key=value"; returns the key.
 std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);

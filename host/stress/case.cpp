@@ -10,7 +10,6 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/ply.hpp"
@@ -82,8 +81,7 @@ void save_case(const Case& c, const fs::path& folder) {
   write_blender(c, folder);
   if (std::ranges::all_of(c.model.values, [](float v) { return std::isfinite(v); })) {
     write_splat_ply(folder / "model.ply", c.model);
-  } else if (path_exists(folder / "model.ply")) {
-    check_replaceable(folder / "model.ply");
+  } else {
     remove_path(folder / "model.ply");
   }
   write_file_atomically(folder / "case.json", json_text(json, 1) + "\n");

@@ -186,7 +186,37 @@ std::uint32_t add_camera(std::uint32_t crc, const Camera& c) {
   return crc32(std::as_bytes(std::span(c.extra)), crc);
 }
 
-void write_word(AtomicFile& file, std::uint32_t value) { file.write(std::as_bytes(std::span(&value, 1))); }
+// The file with the CRC-32 of all that is in it.
+class CheckedFile {
+ public:
+  explicit CheckedFile(const std::filesystem::path& path) : file_(path) {}
+  template <typename Values>
+  void write(const Values& values) {
+    const auto bytes = std::as_bytes(std::span(values));
+    file_.write(bytes);
+    crc_ = crc32(bytes, crc_);
+    size_ += bytes.size();
+  }
+  void write_word(std::uint32_t value) { write(std::array{value}); }
+  // What another rank writes there.
+  void skip(std::uint64_t bytes, std::uint32_t crc) {
+    file_.skip(bytes);
+    crc_ = crc32_joined(crc_, crc, bytes);
+    size_ += bytes;
+  }
+  // With the CRC-32 at the end.
+  void commit() {
+    write_word(crc_);
+    file_.commit();
+  }
+  std::uint64_t size() const { return size_; }
+  const std::filesystem::path& temporary() const { return file_.temporary(); }
+
+ private:
+  AtomicFile file_;
+  std::uint64_t size_ = 0;
+  std::uint32_t crc_ = 0;
+};
 
 // What ranks do together and may fail on one of them alone, by a full disk: then it fails on all.
 class Steps {
@@ -223,11 +253,16 @@ std::uint64_t splats_before(Communicator& ranks, std::uint64_t count) {
   return std::accumulate(counts.begin(), counts.begin() + ranks.rank(), std::uint64_t{0});
 }
 
-// Parameters and moments, row by row, of the splats that this rank has; what it wrote of each row.
-std::vector<Content> write_rows(const std::filesystem::path& temporary, std::uint64_t begin,
+// What a rank wrote of a row.
+struct RowPart {
+  std::uint64_t bytes, crc;
+};
+
+// Parameters and moments, row by row, of the splats that this rank has.
+std::vector<RowPart> write_rows(const std::filesystem::path& temporary, std::uint64_t begin,
                                 const TrainState& s, const Totals& all) {
   PartOfFile part(temporary);
-  std::vector<Content> written;
+  std::vector<RowPart> written;
   std::uint64_t row = 0;
   for (const auto& [values, rows] : {std::pair{&s.model.values, all.values / all.splats},
                                      {&s.moment1, all.moments / all.splats},
@@ -235,7 +270,7 @@ std::vector<Content> write_rows(const std::filesystem::path& temporary, std::uin
     for (std::uint64_t r = 0; r < rows; ++r, ++row) {
       const auto bytes = std::as_bytes(std::span(*values).subspan(r * s.model.count, s.model.count));
       part.write(begin + (row * all.splats + all.before) * sizeof(float), bytes);
-      written.emplace_back().add(bytes);
+      written.push_back({bytes.size(), crc32(bytes)});
     }
   part.sync();
   return written;
@@ -261,7 +296,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
     fail(ErrorKind::numerical, "{}: not written: the state of iteration {} is not finite", path.string(),
          s.iteration);
   Steps steps(ranks);
-  std::optional<AtomicFile> file;
+  std::optional<CheckedFile> file;
   std::string place;
   std::uint64_t begin = 0;
   steps.then([&] {
@@ -271,10 +306,10 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
         {values, moments, s.loss_sums.size(), s.appearance.size(), s.sky.size(), s.cameras.size()}));
     file.emplace(path);
     file->write(kCheckpointMagic);
-    write_word(*file, kCheckpointVersion);
-    write_word(*file, static_cast<std::uint32_t>(header.size()));
+    file->write_word(kCheckpointVersion);
+    file->write_word(static_cast<std::uint32_t>(header.size()));
     file->write(header);
-    begin = file->content().size;
+    begin = file->size();
     place = absolute_path(file->temporary()).string();
   });
   std::vector<Bytes> rows;  // by rank
@@ -282,7 +317,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
     place = ranks.all_texts(place).front();
     const Totals all{splats, values, moments, splats_before(ranks, s.model.count)};
     begin = ranks.of_first(begin);
-    std::vector<std::vector<Content>> to_first(static_cast<std::size_t>(ranks.size()));
+    std::vector<std::vector<RowPart>> to_first(static_cast<std::size_t>(ranks.size()));
     steps.then([&] { to_first[0] = write_rows(place, begin, s, all); });
     rows = exchange_values(ranks, to_first);
   }
@@ -290,15 +325,17 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
     if (!ranks.first()) return;
     if (rows.empty())
       for (const auto* part : {&s.model.values, &s.moment1, &s.moment2})
-        file->write(std::as_bytes(std::span(*part)));
+        file->write(*part);
     else
-      for (std::size_t row = 0; row < as_values<Content>(rows[0]).size(); ++row)
-        for (const Bytes& of_rank : rows) file->skip(as_values<Content>(of_rank)[row]);
-    file->write(std::as_bytes(std::span(s.loss_sums)));
-    file->write(std::as_bytes(std::span(s.appearance)));
-    file->write(std::as_bytes(std::span(s.sky)));
-    file->write(std::as_bytes(std::span(s.cameras)));
-    write_word(*file, file->content().crc);
+      for (std::size_t row = 0; row < as_values<RowPart>(rows[0]).size(); ++row)
+        for (const Bytes& of_rank : rows) {
+          const RowPart part = as_values<RowPart>(of_rank)[row];
+          file->skip(part.bytes, static_cast<std::uint32_t>(part.crc));
+        }
+    file->write(s.loss_sums);
+    file->write(s.appearance);
+    file->write(s.sky);
+    file->write(s.cameras);
     file->commit();
   });
 }

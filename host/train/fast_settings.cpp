@@ -20,7 +20,7 @@ constexpr double kGrownAt = 0.5;  // share of the run after which no splats are 
 // 30 000 iterations. Faster ones than kFastest break what is there.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data are better splats than those that growth adds.
-constexpr int kSplatsAnIteration = 15, kMovingSplatsAnIteration = 8, kPointsAnIteration = 40,
+constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnIteration = 40,
               kMinSplats = 10000;
 
 // fast_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares
@@ -119,8 +119,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);
-  // refine_every: the step alone, as earlier versions had it.
-  if (is_free(s, "refine", s.refine.step, standard.refine.step) && !s.chosen.contains("refine_every"))
+  if (is_free(s, "refine", s.refine.step, standard.refine.step))
     s.refine.step = std::min(
         kScheduleLength, static_cast<int>(std::llround(double{1} * interval * kScheduleLength / iterations)));
   const double first = static_cast<double>(s.refine.first) / kScheduleLength;

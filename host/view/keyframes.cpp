@@ -6,7 +6,6 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
-#include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/data/frames_json.hpp"
 
@@ -86,23 +85,6 @@ KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDef
          times, file.poses.size());
   file.has_time = times > 0;
   return file;
-}
-
-void write_keyframes(const std::filesystem::path& path, const KeyframeFile& file, const Vec3& offset) {
-  Json list = Json::array();
-  for (Pose pose : file.poses) {
-    pose.position = pose.position + offset;
-    const Camera camera = camera_at(pose, {});
-    Json rows = Json::array();
-    for (std::size_t r = 0; r < 3; ++r)
-      rows.push_back({camera.rotation[3 * r], camera.rotation[3 * r + 1], camera.rotation[3 * r + 2],
-                      camera.translation[r]});
-    Json frame{{"world_to_camera", rows}, {"fov", pose.fov / kDegree}};
-    if (file.has_time) frame["time"] = pose.time;
-    list.push_back(std::move(frame));
-  }
-  const Json json{{"closed", file.closed}, {"keyframes", std::move(list)}};
-  write_file_atomically(path, std::string_view(json_text(json, 1) + "\n"));
 }
 
 }  // namespace ubs

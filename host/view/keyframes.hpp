@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera keyframes as a JSON file, written by people and by `ubs view` (docs/view.md):
+// Camera keyframes as a JSON file, written by people (docs/view.md):
 //   {"closed": false, "keyframes": [{"position": [x, y, z], "look_at": [x, y, z], "up": [x, y, z],
 //                                    "fov": degrees, "time": t}, ...]}
 // In the place of position, look_at and up a frame may have "world_to_camera" (3x4 or 4x4, axes of COLMAP and
@@ -26,7 +26,5 @@ struct KeyframeDefaults {
 
 // Throws Error(data) naming file, keyframe and field.
 KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDefaults& defaults);
-// As "world_to_camera"; reading them gives the same poses up to rounding.
-void write_keyframes(const std::filesystem::path& path, const KeyframeFile& file, const Vec3& offset = {});
 
 }  // namespace ubs

@@ -47,11 +47,6 @@ Image8 depth_picture(const RenderedView& view, const DepthRange& range) {
 
 }  // namespace
 
-const char* to_string(Channel channel) {
-  constexpr const char* kNames[] = {"rgb", "alpha", "depth"};
-  return kNames[static_cast<int>(channel)];
-}
-
 DepthRange depth_percentiles(std::vector<float> depths) {
   if (depths.empty()) return {};
   const auto at = [&](double q) {

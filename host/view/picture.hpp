@@ -12,8 +12,6 @@ namespace ubs {
 
 enum class Channel { rgb, alpha, depth };
 
-const char* to_string(Channel channel);
-
 struct DepthRange {
   float near = 0, far = 0;
   bool empty() const { return !(far > near); }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF) draws views into files of pictures, and neither videos nor windows.
+// A build without OpenCV (UBS_OPENCV=OFF) draws views into files of pictures, and no videos.
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/data/video_writer.hpp"

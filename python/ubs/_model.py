@@ -92,7 +92,7 @@ class Model(_abi.Handle):
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
         """format: "ubs" (nothing is lost), "3dgs", "dbs", "spz", "sog", "glb" or "splat" (at `time`);
-        None: by the extension, .ply is "ubs". Replaces only a file that this library has written."""
+        None: by the extension, .ply is "ubs". Replaces a file of that name."""
         kinds = {".spz": "spz", ".sog": "sog", ".glb": "glb", ".splat": "splat"}
         chosen = kinds.get(Path(path).suffix.lower(), "ubs") if format is None else format
         _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)

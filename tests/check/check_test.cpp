@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/gate.hpp"
 #include "host/check/verdicts.hpp"
@@ -26,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-const std::string kCheck = "check --dim 3 --device opencl";
+const std::string kCheck = "devices --check --dim 3 --device opencl";
 
 struct Mutation {
   const char *stage, *file, *original, *mutant;  // `stage`: what must be found wrong
@@ -52,7 +51,7 @@ fs::path mutant(const TempFolder& folder, const Mutation& m) {
   return changed_kernels(folder, m.file, m.original, m.mutant);
 }
 
-// Stages that are wrong, of a report of `ubs check --json`.
+// Stages that are wrong, of a report of `ubs devices --check --json`.
 std::vector<std::string> wrong_stages(const Result& result) {
   std::vector<std::string> wrong;
   const Json report = Json::parse(result.out);
@@ -62,7 +61,7 @@ std::vector<std::string> wrong_stages(const Result& result) {
   return wrong;
 }
 
-TEST_CASE("ubs check: right kernels pass, a line a stage") {
+TEST_CASE("devices --check: right kernels pass, a line a stage") {
   const TempFolder folder;
   const Result text = ubs_ok(folder, kCheck);
   for (const char* stage : {"lists", "projection", "rasteriser", "backward rasteriser", "backward projection",
@@ -74,14 +73,14 @@ TEST_CASE("ubs check: right kernels pass, a line a stage") {
   CHECK(devices["devices"][devices["chosen"].get<std::size_t>()]["check"]["verdict"] == "ok");
 }
 
-TEST_CASE("ubs check: a form of one dimension is taken for that dimension") {
+TEST_CASE("devices --check: a form of one dimension is taken for that dimension") {
   const TempFolder folder;
-  check_error(folder, "check --dim 6 --rot-mode quaternion --device none-such", exit_code(ErrorKind::usage),
+  check_error(folder, "devices --check --dim 6 --rot-mode quaternion --device none-such", exit_code(ErrorKind::usage),
               "dim = 3");
-  check_error(folder, "check --dim 3 --rot-mode quaternion --device none-such", exit_code(ErrorKind::device),
+  check_error(folder, "devices --check --dim 3 --rot-mode quaternion --device none-such", exit_code(ErrorKind::device),
               "none-such");
   for (const char* dims : {"0", "6,2"})  // internal errors
-    check_error(folder, fmt::format("check --dim {} --device none-such", dims), exit_code(ErrorKind::usage),
+    check_error(folder, fmt::format("devices --check --dim {} --device none-such", dims), exit_code(ErrorKind::usage),
                 "from 3 to 11");
 }
 
@@ -98,7 +97,7 @@ TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {
   }
 }
 
-TEST_CASE("ubs check: one formula or barrier of the kernels broken is found") {
+TEST_CASE("devices --check: one formula or barrier of the kernels broken is found") {
   for (const Mutation& m : kMutations) {
     const TempFolder folder;
     const Variable kernels("UBS_KERNEL_DIR", mutant(folder, m).c_str());
@@ -167,13 +166,8 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   CHECK(check::Verdicts(devices[broken], build).all().at(0).right == false);
   CHECK(check::Verdicts(devices[0], build).all().at(0).right);
   CHECK(check::Verdicts(devices[0], build + "x").all().empty());
-  // What another command has written is replaced.
-  const std::string before = maker();
-  set_maker("ubs check");
   check::Verdicts(devices[0], build).keep({"form", {check::Part::loss}, true});
-  set_maker("ubs train");
   check::Verdicts(devices[0], build).keep({"form", {check::Part::loss}, false, "problem"});
-  set_maker(before);
   REQUIRE(check::Verdicts(devices[0], build).find("form", {check::Part::loss}));
   CHECK_FALSE(check::Verdicts(devices[0], build).find("form", {check::Part::loss})->right);
   DeviceInfo other = devices[0];

@@ -192,7 +192,7 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
     refused(fmt::format("bench --max-time {}", bad),
             fmt::format("--max-time: choose a number above 0, not {}", bad));
   for (const char* bad : {"0", "100001", "2.5", "nan"})
-    refused(fmt::format("doctor --cases {}", bad),
+    refused(fmt::format("devices --doctor --cases {}", bad),
             fmt::format("--cases: choose a whole number from 1 to 100000, not {}", bad));
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
@@ -204,15 +204,11 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("cli: commands that became parts of others say so, and know no option of theirs") {
+TEST_CASE("cli: commands below others know no option of theirs") {
   const TempFolder folder;
-  check_error(folder, "scaling --quick --out s", 2, "ubs bench scaling");
-  check_error(folder, "curve --quick --out c", 2, "ubs accuracy curve");
   check_error(folder, "bench --quick scaling --out s", 2, "--quick stands before 'scaling'");
   check_error(folder, "accuracy --quick", 2, "--out is required");
   check_error(folder, "bench scaling --no-such", 2, "ubs bench scaling --help");
-  ubs_ok(folder, "manual pages");
-  CHECK(std::filesystem::exists(folder / "pages/man1/ubs-bench-scaling.1"));
 }
 
 TEST_CASE("cli: unusable data is one line and exit code 3") {

@@ -73,7 +73,7 @@ TEST_CASE("cli: names of views write into the output folder alone, and a file ea
   ubs_ok(folder, fmt::format("train --data set.ubsd --out run --dim 3 {} --save-renders -1", kTiny));
   CHECK(file_count(folder / "run/renders") == names.size());
   CHECK(files_of(folder.path()) ==
-        std::set<std::string>{".ubs-files", "deep", "m.ply", "run", "set.ubsd", "stderr.txt", "stdout.txt"});
+        std::set<std::string>{"deep", "m.ply", "run", "set.ubsd", "stderr.txt", "stdout.txt"});
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["test"]["views"][0]["name"] == "..%2Fescaped");
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which files commands delete and replace: results of earlier runs, with --overwrite also others of their
-// names.
+// Which files commands replace and remove: those of known names, and only with --overwrite.
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -59,7 +58,7 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   ubs_ok(folder, "pack data --out set/F.ubsd");
   check_refused(folder, fmt::format("train --data set/F.ubsd --out set {}", kShort), "holds the data");
 
-  const std::vector<std::string> mine{"renders/mine.png", "notes.txt"};
+  const std::vector<std::string> mine{"renders/mine.png", "cameras/mine.txt", "notes.txt"};
   for (const std::string& name : mine) put(folder / "run" / name, "precious");
   ubs_ok(folder, train("run"));
   ubs_ok(folder, train("run", "--overwrite"));
@@ -72,42 +71,56 @@ TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
   synthesise(folder);
   const TempFolder other;
   fs::create_directory_symlink(folder / "data", other / "data");
-  for (const char* name :
-       {"model.ply", "metrics.json", "log.csv", "config.yaml", "checkpoint.ubs", "renders/r_001.png"}) {
+  for (const char* name : {"model.ply", "metrics.json", "log.csv", "config.yaml", "checkpoint.ubs",
+                           "renders/r_001.png", "cameras/images.txt"}) {
     INFO(name);
     fs::remove_all(other / "run");
     put(other / "run" / name, "precious");
-    check_refused(
-        other, train("run"),
-        fs::path(name).has_parent_path() ? "is not known to be made by this program" : "--overwrite");
+    check_refused(other, train("run"), "--overwrite");
   }
   put(other / "run/renders/mine.png", "precious");
+  put(other / "run/renders/r_001.png", "precious");
   put(other / "run/metrics.json", "precious");
   ubs_ok(other, train("run", "--overwrite"));
   CHECK(get(other / "run/renders/mine.png") == "precious");
   CHECK(get(other / "run/renders/r_001.png") != "precious");
   CHECK(get(other / "run/metrics.json") != "precious");
+  CHECK_FALSE(fs::exists(other / "run/cameras"));  // the empty folder of an earlier run
   fs::remove(other / "run/log.csv");
   fs::create_symlink("renders/mine.png", other / "run/log.csv");
-  check_refused(other, train("run", "--overwrite"), "log.csv: is a symbolic link");
+  const auto before = contents(other.path());
+  check_error(other, train("run", "--overwrite"), 3, "log.csv: is a symbolic link");
+  CHECK(contents(other.path()) == before);
+}
+
+TEST_CASE("outputs: of an earlier run's renders those go that its metrics list") {
+  const TempFolder folder;
+  synthesise(folder);
   ubs_ok(folder, train("run"));
   const auto first = contents(folder / "run");
   check_refused(folder, train("run"), "--overwrite");
+  put(folder / "run/renders/r_007.png", "my photograph");
   ubs_ok(folder, train("run", "--overwrite --save-renders 1"));
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
   CHECK_FALSE(fs::exists(folder / "run/renders/r_001.png"));  // it was the earlier run's
+  CHECK(get(folder / "run/renders/r_007.png") == "my photograph");
   CHECK(get(folder / "run/model.ply") == first.at("model.ply"));
 
-  // A picture that was changed is replaced only by one of its name, and not removed.
-  ubs_ok(folder, train("run", "--overwrite"));
-  for (const char* name : {"r_000.png", "r_001.png"}) put(folder / "run/renders" / name, "my own picture");
-  ubs_ok(folder, train("run", "--overwrite --save-renders 1"));
-  CHECK(get(folder / "run/renders/r_000.png") != "my own picture");
-  CHECK(get(folder / "run/renders/r_001.png") == "my own picture");
-  // Other commands' results are no training's.
-  fs::create_directory(folder / "e");
-  ubs_ok(folder, "eval --model run/model.ply --data data --fps-views 0 --out e/metrics.json");
-  check_refused(folder, train("e"), "metrics.json exists");
+  // Names that lead elsewhere remove nothing.
+  nlohmann::json metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics.at("renders") == nlohmann::json{"r_000.png"});
+  put(folder / "mine.png", "precious");
+  put(folder / "run/renders/inner/mine.png", "precious");
+  metrics["renders"] = {"../../mine.png", (folder / "mine.png").string(), "inner/mine.png", "inner", "..", 7};
+  put(folder / "run/metrics.json", metrics.dump());
+  ubs_ok(folder, train("run", "--overwrite --save-renders 0"));
+  CHECK(get(folder / "mine.png") == "precious");
+  CHECK(get(folder / "run/renders/inner/mine.png") == "precious");
+  CHECK(fs::exists(folder / "run/renders/r_000.png"));
+  for (const char* damaged : {"", "[1]", "{\"renders\": 5}", "not json"}) {
+    put(folder / "run/metrics.json", damaged);
+    ubs_ok(folder, train("run", "--overwrite --save-renders 0"));
+  }
 }
 
 TEST_CASE("outputs: results may go into a folder inside the data folder") {
@@ -118,7 +131,7 @@ TEST_CASE("outputs: results may go into a folder inside the data folder") {
   ubs_ok(folder, train("data/output"));
   ubs_ok(folder, train("data/output", "--overwrite"));  // the first one is not read back
   ubs_ok(folder, "render data/output --out data/pictures");
-  ubs_ok(folder, "render data/output --out data/pictures");
+  ubs_ok(folder, "render data/output --out data/pictures --overwrite");
   CHECK(get(folder / "data/output/model.ply") == get(folder / "run/model.ply"));
   for (const auto& [name, content] : data) {
     INFO(name);
@@ -126,17 +139,32 @@ TEST_CASE("outputs: results may go into a folder inside the data folder") {
   }
 }
 
-TEST_CASE("outputs: --overwrite replaces a run that was edited, or copied without its dotfiles") {
+// A folder with a name of its own is known only by the images that the cameras name.
+TEST_CASE("outputs: --overwrite does not reach photographs in a folder of any name") {
+  const TempFolder folder;
+  synthesise(folder);
+  fs::rename(folder / "data/test", folder / "data/photos");
+  const std::string text = test::replaced(get(folder / "data/transforms_test.json"), "./test/r_000", "./photos/r_000");
+  put(folder / "data/transforms_test.json", test::replaced(text, "./test/r_001", "./photos/r_001"));
+  ubs_ok(folder, train("run"));
+  check_refused(folder, "render run --out data/photos --overwrite", "is a folder of images or cameras");
+  check_refused(folder, train("data/photos", "--overwrite"), "is a folder of images or cameras");
+  fs::rename(folder / "data/photos", folder / "data/renders");
+  std::string moved = get(folder / "data/transforms_test.json");
+  for (int i = 0; i < 2; ++i) moved = test::replaced(moved, "./photos/", "./renders/");
+  put(folder / "data/transforms_test.json", moved);
+  check_refused(folder, train("data", "--overwrite"), "is the data");
+}
+
+TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run", "--refine-cameras pose"));
   std::string config = get(folder / "run/config.yaml");
   put(folder / "run/config.yaml", config.replace(config.find("iterations"), 0, "# edited\n"));
   check_refused(folder, train("run", "--spec run/config.yaml"), "--overwrite");
-  ubs_ok(folder, train("run", "--spec run/config.yaml --overwrite"));
-
   fs::copy(folder / "run", folder / "copy", fs::copy_options::recursive);
-  for (const char* place : {"", "renders", "cameras"}) fs::remove(folder / "copy" / place / ".ubs-files");
+  ubs_ok(folder, train("run", "--spec run/config.yaml --overwrite"));
   ubs_ok(folder, train("copy", "--spec run/config.yaml --overwrite"));
   CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
@@ -152,15 +180,14 @@ Result beside_training(const TempFolder& folder, int iterations, const std::stri
   return test::run_command(folder, "sh script.sh");
 }
 
-TEST_CASE("outputs: a run folder of an earlier version can be continued") {
+TEST_CASE("outputs: a copy of an interrupted run can be continued") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("whole", "", 1500));
   const Result result =
       beside_training(folder, 1500, "kill -INT $pid; wait $pid; echo \"code $?\"; cp -r run moved");
   REQUIRE(result.out == "code 130\n");
-  fs::remove(folder / "run/.ubs-files");
-  for (const char* out : {"run", "moved"}) {  // without a list; with one, but other inodes and times
+  for (const char* out : {"run", "moved"}) {
     INFO(out);
     ubs_ok(folder, fmt::format("train --resume {} --quiet", out));
     CHECK(get(folder / out / "model.ply") == get(folder / "whole/model.ply"));
@@ -194,14 +221,13 @@ const Writer kWriters[] = {
     {"bench --quick --run '^adam.random' --baseline b.json --json OUT", "b.json"},
     {"stress --run '^01' --json OUT", nullptr},
     {"tune --quick --raster gpu --size 48x40/500 --json OUT", nullptr},
-    {"view run/model.ply --screenshot OUT", "run/model.ply"},
 };
 
 std::string with_out(std::string arguments, const std::string& out) {
   return arguments.replace(arguments.find("OUT"), 3, out);
 }
 
-TEST_CASE("outputs: no command that writes a file replaces another's, nor its input") {
+TEST_CASE("outputs: commands replace a file only with --overwrite, and never their input") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
@@ -217,37 +243,33 @@ TEST_CASE("outputs: no command that writes a file replaces another's, nor its in
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
     INFO(writer.arguments);
-    check_refused(folder, with_out(writer.arguments, "mine.mp4"), "mine.mp4: is not known to be made");
+    check_refused(folder, with_out(writer.arguments, "mine.mp4"), "mine.mp4: exists");
     const bool reads = writer.input && fs::exists(folder / writer.input);
     const std::size_t other = turn++ % (reads ? 4 : 2);
     for (std::size_t i = 0; const std::string link : {"link.mp4", "dangling.mp4"})
       if (const bool chosen = i++ == other; all || chosen)
-        check_refused(folder, with_out(writer.arguments, link), link + ": is a symbolic link");
+        check_error(folder, with_out(writer.arguments, link) + " --overwrite", 3, link + ": is a symbolic link");
     if (!reads) continue;
     fs::remove(folder / "hard.mp4");
     fs::create_hard_link(folder / writer.input, folder / "hard.mp4");
-    for (std::size_t i = 2; const std::string& out : {std::string(writer.input), std::string("hard.mp4")}) {
-      if (const bool chosen = i++ == other; !all && !chosen) continue;
-      const Result result = run_ubs(folder, with_out(writer.arguments, out));
-      INFO(result.err);
-      CHECK(result.code == 2);
-      CHECK((result.err.find("is the input") != std::string::npos ||
-             result.err.find("so it is not replaced") != std::string::npos));
-    }
+    for (std::size_t i = 2; const std::string& out : {std::string(writer.input), std::string("hard.mp4")})
+      if (const bool chosen = i++ == other; all || chosen)
+        check_refused(folder, with_out(writer.arguments, out) + " --overwrite", "is the input");
   }
-  // Its own result a command replaces, and only it.
-  for (const char* command : {"convert run/model.ply a.ply", "pack data --out a.ubsd",
-                              "metrics data/test/r_000.png data/test/r_001.png --out a.json"}) {
-    ubs_ok(folder, command);
-    ubs_ok(folder, command);
+  for (const char* command :
+       {"convert run/model.ply mine.ply", "pack data --out mine.ubsd",
+        "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
+    const std::string file = std::string(command).substr(std::string(command).find("mine"));
+    put(folder / file, "old");
+    check_refused(folder, command, file + ": exists");
+    ubs_ok(folder, fmt::format("{} --overwrite", command));
+    CHECK(get(folder / file) != "old");
   }
-  check_refused(folder, "eval --model run/model.ply --data data --out a.json", "was made by 'ubs metrics'");
-  check_refused(folder, "convert a.ply run/model.ply", "was made by 'ubs train'");
   check_refused(folder, "reduce --model run/model.ply --data data --out x.ply --effects x.ply",
                 "two results");
 }
 
-TEST_CASE("outputs: no command that writes a folder replaces anything of the data, nor another's files") {
+TEST_CASE("outputs: commands that write a folder replace files of their names only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
@@ -264,8 +286,7 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
     INFO(arguments);
     ++turn;
     put(folder / "other" / name, "precious");
-    const bool synth = arguments.starts_with("synth");
-    check_refused(folder, with_out(arguments, "other"), synth ? "is not empty" : "is not known to be made");
+    check_refused(folder, with_out(arguments, "other"), name + ": exists");
     fs::remove_all(folder / "other");
     if (arguments.find("--data") == std::string::npos) continue;
     const std::pair<const char*, const char*> places[] = {
@@ -274,23 +295,12 @@ TEST_CASE("outputs: no command that writes a folder replaces anything of the dat
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
   }
-  ubs_ok(folder, "render run/model.ply --data data --out images");
-  ubs_ok(folder, "render run/model.ply --data data --out images");
-  check_refused(folder, "render run/model.ply --data data --out run/renders", "was made by 'ubs train'");
-}
-
-TEST_CASE("outputs: an export replaces its own files only") {
-  const TempFolder folder;
-  synthesise(folder);
-  put(folder / "data/train/r_002.png", "my photograph");
-  check_refused(folder, "synth cloud --out data --size 32 --views 2 --test-views 1", "was changed since");
-  fs::remove(folder / "data/train/r_002.png");
-  put(folder / "data/train/r_007.png", "my photograph");
-  check_refused(folder, "synth cloud --out data --size 32 --views 8 --test-views 1",
-                "is not known to be made");
-  ubs_ok(folder, "synth cloud --out data --size 32 --views 2 --test-views 1 --supersampling 1");
-  CHECK(get(folder / "data/train/r_007.png") == "my photograph");
-  CHECK_FALSE(fs::exists(folder / "data/train/r_003.png"));
+  put(folder / "images/r_000.png", "old");
+  put(folder / "images/mine.png", "precious");
+  ubs_ok(folder, "render run/model.ply --data data --out images --overwrite");
+  CHECK(get(folder / "images/r_000.png") != "old");
+  CHECK(get(folder / "images/mine.png") == "precious");
+  check_refused(folder, "render run/model.ply --data data --out run/renders", "r_000.png: exists");
 }
 
 TEST_CASE("outputs: two processes do not write into one folder") {
@@ -305,7 +315,7 @@ TEST_CASE("outputs: two processes do not write into one folder") {
           train("run")));
   INFO(result.err);
   CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // what the killed one held is free
-  CHECK(result.err.find("run: 'ubs train', process ") != std::string::npos);
+  CHECK(result.err.find("run: process ") != std::string::npos);
   CHECK(result.err.find("is writing there") != std::string::npos);
 }
 

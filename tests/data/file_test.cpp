@@ -2,12 +2,19 @@
 // Whole-file reading and atomic writing (host/base/file.hpp), and the parallel loop.
 #include "host/base/file.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <thread>
+
 #include "host/base/parallel.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
 using Catch::Contains;
+namespace fs = std::filesystem;
 
 TEST_CASE("file: what is written is read back, and no temporary stays", "[file]") {
   TempFolder folder;
@@ -54,14 +61,52 @@ TEST_CASE("file: pieces of all sizes arrive, and what an encoder wrote by name",
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("file: caches and settings replace what has their name", "[file]") {
-  TempFolder folder;
-  for (const FileUse use : {FileUse::cache, FileUse::setting}) {
-    put(folder / "x", "old");
-    write_file_atomically(folder / "x", "new", use);
-    CHECK(get(folder / "x") == "new");
-  }
-  CHECK_FALSE(std::filesystem::exists(folder / kMadeFiles));
+TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
+  const TempFolder folder;
+  put(folder / "a", "old");
+  fs::create_symlink("a", folder / "link");
+  fs::create_symlink("nowhere", folder / "dangling");
+  const auto refusal = [](const fs::path& file) {
+    return message_of([&] { write_file_atomically(file, "new"); });
+  };
+  CHECK_THAT(refusal(folder / "link"), Contains("link: is a symbolic link"));
+  CHECK_THAT(refusal(folder / "dangling"), Contains("dangling: is a symbolic link"));
+  CHECK_THAT(refusal("/dev/null"), Contains("is not an ordinary file"));
+  CHECK(get(folder / "a") == "old");
+  CHECK(fs::is_symlink(folder / "dangling"));
+}
+
+// Every process that begins in a folder searches it: a file that another one has just opened must not be taken.
+// Without a second look at the file that was just locked one write of 700 failed.
+TEST_CASE("file: a search for abandoned files takes none that is being written", "[file]") {
+  const TempFolder folder;
+  std::atomic<bool> done{false};
+  std::thread searching([&] {
+    while (!done) remove_abandoned(folder.path());
+  });
+  int failed = 0;
+  for (int i = 0; i < 5'000; ++i)
+    failed += !message_of([&] { write_file_atomically(folder / "file", "text", FileUse::cache); }).empty();
+  done = true;
+  searching.join();
+  CHECK(failed == 0);
+}
+
+TEST_CASE("file: temporary files are removed if nobody holds them", "[file]") {
+  const TempFolder folder;
+  put(folder / ".ubs-tmp-1-0", "left by a killed process");
+  put(folder / ".ubs-tmp-1-1", "in work");
+  put(folder / "x.tmp-1-1", "somebody's");
+  const int held = ::open((folder / ".ubs-tmp-1-1").c_str(), O_RDWR);
+  REQUIRE(::flock(held, LOCK_EX) == 0);
+  const AtomicFile writing(folder / "y");
+  write_file_atomically(folder / "x", "x");
+  remove_abandoned(folder.path());
+  CHECK_FALSE(fs::exists(folder / ".ubs-tmp-1-0"));
+  CHECK(fs::exists(folder / ".ubs-tmp-1-1"));
+  CHECK(fs::exists(folder / "x.tmp-1-1"));
+  CHECK(fs::exists(writing.temporary()));
+  ::close(held);
 }
 
 TEST_CASE("file: errors name the path", "[file]") {

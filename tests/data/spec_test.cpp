@@ -288,7 +288,7 @@ TEST_CASE("train settings: combinations are checked") {
   CHECK(to_string(s.frames) == "10");  // what config.yaml has is read again
   set("frames", "");
   CHECK(s.frames == IndexRange{});
-  set("frames", "0");  // all, as earlier versions wrote it
+  set("frames", "0");  // all
   CHECK(s.frames == IndexRange{});
   // All three numbers, within the schedule.
   for (const char* text : {"", "500", "500:25000", "500:100:1", "0:30001:1", "0:0:0"})
@@ -296,56 +296,6 @@ TEST_CASE("train settings: combinations are checked") {
   set("refine", "0:0:1");
   CHECK(s.refine.empty());
   CHECK(message([](auto& with) { with.refine.first = 26000; }).find("refine") != std::string::npos);
-}
-
-// As config.yaml of a run of an earlier version has them, beside keys that are still there.
-TEST_CASE("train settings: keys of an earlier version are read at the value that is left") {
-  const TempFolder folder;
-  const std::string kept = "iterations: 123\nmath: native\nalpha_min: 0.25\n";
-  put(folder / "old.yaml",
-      kept +
-          "relaxed_math: false\nrecord_storage: float\ngradient_storage: float\nsort_bits: 32\ntile: 16\n"
-          "extents: support\nview_cull: on\nblock_cull: ellipse\nskip_finished: on\nmasked_backward: on\n"
-          "list_counts: bound\nlaunch_graph: 'true'\natomics: false\nbackward: pixels\nscale_reg: 0.01\n"
-          "scale_reg_mode: official\nlr_rotation: 0.001\nlr_sh_rest: 0.000125\nfirst_frame: 0\n"
-          "frame_step: 1\neval_at_seconds: ''\nvector_width: 0\ntanh_floor: 'on'\nnoise_when: events\n"
-          "noise_gate: pow100\nbeta_init: 0\nlr_appearance: 0.02\nlr_sh0: 0.0025\nrefine_every: 100\n");
-  TrainSettings old, plain;
-  load_yaml(bind_fields(old, train_fields()), folder / "old.yaml");
-  put(folder / "plain.yaml", kept);
-  load_yaml(bind_fields(plain, train_fields()), folder / "plain.yaml");
-  CHECK(old.iterations == 123);
-  CHECK(to_yaml(bind_fields(old, train_fields())) == to_yaml(bind_fields(plain, train_fields())));
-  for (const char* gone :
-       {"relaxed_math: true", "record_storage: half", "gradient_storage: bfloat16", "sort_bits: 24",
-        "tile: 8", "view_cull: off", "block_cull: box", "skip_finished: off", "masked_backward: off",
-        "atomics: true", "backward: splats", "eval_at_seconds: 30,60", "vector_width: 8", "tanh_floor: off",
-        "noise_when: every_step", "noise_gate: sigmoid", "beta_init: 1", "lr_appearance: 0.1",
-        "lr_sh0: 0.005"}) {
-    put(folder / "gone.yaml", kept + gone + "\n");
-    const std::string message =
-        message_of([&] { load_yaml(bind_fields(old, train_fields()), folder / "gone.yaml"); });
-    INFO(message);
-    CHECK(message.find("gone.yaml:4:1: ") != std::string::npos);
-    CHECK(message.find("is of an earlier version: this one has ") != std::string::npos);
-  }
-}
-
-TEST_CASE("train settings: keys of before that are numbers of a range now") {
-  TrainSettings s;
-  const auto fields = bind_fields(s, train_fields());
-  set_field(fields, "refine_start", "100", "test");
-  set_field(fields, "refine_stop", "20000", "test");
-  set_field(fields, "refine_every", "1500", "test");
-  CHECK(s.refine == IndexRange{100, 20000, 1500});
-  CHECK(field_text(*std::ranges::find(fields, std::string_view("refine"), [](const FieldValue& f) {
-          return std::string_view(f.key);
-        })) == "100:20000:1500");
-  for (const char* wrong : {"often", "-1", "30001"})
-    CHECK(message_of([&] { set_field(fields, "refine_every", wrong, "test"); }, ErrorKind::usage) ==
-          fmt::format("test: refine_every = '{}' is not allowed: expected an integer 0 to 30000; 'refine' is "
-                      "FIRST:END:STEP 0 to 30000 now",
-                      wrong));
 }
 
 TEST_CASE("data_specs: every run specification loads") {

@@ -32,7 +32,7 @@ SyntheticOptions small(const std::string& scene, std::uint64_t seed = 0) {
 std::map<std::string, std::string> contents(const std::filesystem::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
-    if (entry.is_regular_file() && entry.path().filename() != kMadeFiles)
+    if (entry.is_regular_file())
       files[entry.path().lexically_relative(folder).string()] = get(entry.path());
   return files;
 }
@@ -52,7 +52,7 @@ TEST_CASE("synthetic: every scene is an ordinary data set", "[synthetic]") {
   const std::string scene = GENERATE(as<std::string>(), "glossy", "orbit", "cloud");
   CAPTURE(scene);
   export_synthetic(small(scene), folder.path());
-  CHECK(file_count(folder.path()) == 5);  // marker, two JSON files, two image folders
+  CHECK(file_count(folder.path()) == 4);  // two JSON files, two image folders
   const Split train = load_blender_split(folder.path(), "train"),
               test = load_blender_split(folder.path(), "test");
   CHECK_FALSE(has_blender_split(folder.path(), "val"));
@@ -155,32 +155,35 @@ TEST_CASE("synthetic: orbit covers the whole time range and moves", "[synthetic]
   CHECK_THAT(get(folder / "static/transforms_train.json"), !Contains("\"time\""));
 }
 
-TEST_CASE("synthetic: replaces its own export and nothing else", "[synthetic]") {
+TEST_CASE("synthetic: files of its names are replaced only if asked for, others never", "[synthetic]") {
   TempFolder folder;
   export_synthetic(small("orbit"), folder / "a");
+  put(folder / "a/train/notes.txt", "mine");
+  const auto before = contents(folder / "a");
   SyntheticOptions options = small("glossy");
   options.train_views = 2;
   options.test_views = 0;
   options.val_views = 1;
-  put(folder / "a/train/notes.txt", "mine");
+  const auto said = [&](const char* out) {
+    return message_of([&] { export_synthetic(options, folder / out); }, ErrorKind::usage);
+  };
+  CHECK_THAT(said("a"), Contains("a/transforms_train.json: exists") && Contains("--overwrite"));
+  CHECK(contents(folder / "a") == before);
+  options.overwrite = true;
   export_synthetic(options, folder / "a");
   CHECK(get(folder / "a/train/notes.txt") == "mine");
-  CHECK(file_count(folder / "a/train") == 3);
+  CHECK(get(folder / "a/train/r_000.png") != before.at("train/r_000.png"));
+  CHECK(get(folder / "a/train/r_003.png") == before.at("train/r_003.png"));
   CHECK_FALSE(std::filesystem::exists(folder / "a/transforms_test.json"));
-  CHECK_FALSE(std::filesystem::exists(folder / "a/test"));
+  CHECK(load_blender_split(folder / "a", "train").views.size() == 2);
   CHECK(load_blender_split(folder / "a", "val").views.size() == 1);
 
-  put(folder / "b/precious.txt", "mine");
-  const auto usage = ErrorKind::usage;
-  CHECK_THAT(message_of([&] { export_synthetic(options, folder / "b"); }, usage), Contains("is not empty"));
-  put(folder / "c/synthetic.json", "{\"generator\": \"another program\"}");
-  CHECK_THAT(message_of([&] { export_synthetic(options, folder / "c"); }, usage), Contains("is not empty"));
-  put(folder / "d/synthetic.json", "not json");
-  CHECK_THAT(message_of([&] { export_synthetic(options, folder / "d"); }, usage), Contains("is not empty"));
-  CHECK(file_count(folder / "b") == 1);
+  options.overwrite = false;
+  put(folder / "b/train/r_001.png", "precious");
+  CHECK_THAT(said("b"), Contains("b/train/r_001.png: exists"));
+  CHECK(get(folder / "b/train/r_001.png") == "precious");
   put(folder / "file", "x");
-  CHECK_THAT(message_of([&] { export_synthetic(options, folder / "file"); }, usage),
-             Contains("is not a folder"));
+  CHECK_THAT(said("file"), Contains("is not a folder"));
 }
 
 TEST_CASE("synthetic: options are checked before anything is written", "[synthetic]") {

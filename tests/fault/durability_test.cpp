@@ -3,7 +3,6 @@
 // is what was synchronised; a name is there when its folder was synchronised behind it.
 #include <algorithm>
 #include <cerrno>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -33,20 +32,12 @@ std::string folder_of(const std::string& path) {
 // for a whole file, results that were reported are there, and `last` is removed after all of them.
 std::string defect(const TracedRun& run, const std::string& last = "") {
   std::set<std::string> unsynced, fresh;  // files written to, folders with new names
-  // Of folders with a list of made files: its synchronisations less the renames there. Threads may write to
-  // one list, but each waits for its own line.
-  std::map<std::string, int> listed;
   int renames = 0;
   for (const Call& call : run.calls) {
     if (call.result < 0) continue;
     const fs::path path = call.path;
     const std::string name = path.filename().string();
     if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // nothing to the next boot
-    if (name == ".ubs-files") {
-      if (call.kind == write_calls) listed.try_emplace(folder_of(call.path), 0);
-      if (call.kind == sync_calls) ++listed[folder_of(call.path)];
-      continue;
-    }
     const bool temporary = name.starts_with(".ubs-tmp-"), grows = name.ends_with(".log") || name == "log.csv";
     if (call.kind == write_calls) {
       if (!temporary && !grows) return fmt::format("{} is written in place", call.path);
@@ -58,8 +49,6 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
       ++renames;
       if (unsynced.contains(call.path))
         return fmt::format("{} was not on the disk when it became {}", call.path, call.to);
-      if (const auto list = listed.find(folder_of(call.to)); list != listed.end() && --list->second < 0)
-        return fmt::format("the list was not on the disk when it spoke of {}", call.to);
       fresh.insert(folder_of(call.to));
     } else if (call.kind == make_calls) {
       fresh.insert(folder_of(call.path));

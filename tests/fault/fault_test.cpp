@@ -40,7 +40,7 @@ TEST_CASE("faults: pack") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
-  Scenario scenario{.command = "pack data --out out/F.ubsd"};
+  Scenario scenario{.command = "pack data --out out/F.ubsd --overwrite"};
   attack(folder, "pack, disk and killed", scenario, both(writing_faults(), kills()), 2);
   attack(folder, "pack, signalled", scenario, signals(), 1);
   scenario.watched = "data";
@@ -53,10 +53,10 @@ TEST_CASE("faults: convert, over an older file too") {
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   ubs_ok(folder, fmt::format("train {} run2 --seed 5", kTraining));
-  const Scenario scenario{.command = "convert run/model.ply out/m.spz",
+  const Scenario scenario{.command = "convert run/model.ply out/m.spz --overwrite",
                           .before = "convert run2/model.ply out/m.spz"};
   attack(folder, "convert, disk and killed", scenario, both(writing_faults(), kills()), 2);
-  attack(folder, "convert, reading", {.command = "convert run/model.ply out/m.splat", .watched = "run"},
+  attack(folder, "convert, reading", {.command = "convert run/model.ply out/m.splat --overwrite", .watched = "run"},
          reading_faults(), 1);
 }
 
@@ -90,7 +90,7 @@ TEST_CASE("faults: render") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
-  const Scenario scenario{.command = "render run/model.ply --data data --out out --format npy"};
+  const Scenario scenario{.command = "render run/model.ply --data data --out out --format npy --overwrite"};
   attack(folder, "render, disk and killed", scenario, both(writing_faults(), kills()), 1);
 }
 
@@ -101,15 +101,15 @@ TEST_CASE("faults: the other commands", "[.long]") {
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   const Scenario scenarios[] = {
-      {.command = "gradients --model run/model.ply --data data --view 1 --out out/g.ply"},
-      {.command = "synth glossy --out out/s --size 16 --views 2 --test-views 1 --supersampling 1"},
-      {.command = "eval --model run/model.ply --data data --fps-views 0 --out out/e.json",
+      {.command = "gradients --model run/model.ply --data data --view 1 --out out/g.ply --overwrite"},
+      {.command = "synth glossy --out out/s --size 16 --views 2 --test-views 1 --supersampling 1 --overwrite"},
+      {.command = "eval --model run/model.ply --data data --fps-views 0 --out out/e.json --overwrite",
        .common = without_times},
-      {.command = "reduce --model run/model.ply --data data --bound 0.01 --out out/r.ply --quiet"},
-      {.command = "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi"},
-      {.command = "report run --out out/r.html --views 1", .common = without_times},
-      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json", .common = without_times},
-      {.command = "bench --quick --run ^sum.*glossy --sizes 64x64/100 --json out/bench.json",
+      {.command = "reduce --model run/model.ply --data data --bound 0.01 --out out/r.ply --quiet --overwrite"},
+      {.command = "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi --overwrite"},
+      {.command = "report run --out out/r.html --views 1 --overwrite", .common = without_times},
+      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json --overwrite", .common = without_times},
+      {.command = "bench --quick --run ^sum.*glossy --sizes 64x64/100 --json out/bench.json --overwrite",
        .common = without_times},
   };
   for (const Scenario& scenario : scenarios) {
@@ -157,13 +157,13 @@ TEST_CASE("faults: tune, curve, accuracy", "[.long]") {
   const auto present = [](const std::string& path, const std::string& bytes) {
     return path.ends_with(".json") ? without_times(path, bytes) : std::string("present");
   };
-  const Scenario tune{.command = "tune --quick --max-time 1 --json out/t.json",
+  const Scenario tune{.command = "tune --quick --max-time 1 --json out/t.json --overwrite",
                       .environment = "UBS_TUNING_DIR=out/tuning",
                       .common = present};
   attack(folder, "tune, disk", tune, writing_faults(), 2);
   attack(folder, "tune, killed", tune, kills(), 2);
   for (const char* command :
-       {"accuracy curve --quick --quiet --out out/c", "accuracy --quick --quiet --out out/a"})
+       {"accuracy curve --quick --quiet --out out/c --overwrite", "accuracy --quick --quiet --out out/a --overwrite"})
     attack(folder, std::string(command).substr(0, 8) + ", disk", {.command = command, .common = present},
            writing_faults(), 1);
 }
@@ -246,7 +246,7 @@ TEST_CASE("power cuts: what a command has reported stays, what it was about to w
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
-  attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd", .disk = &disk}, power_cuts(),
+  attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk}, power_cuts(),
          1);
   attack(folder, "convert, power cut", {.command = "convert run/model.ply out/m.spz", .disk = &disk},
          power_cuts(), 1);
@@ -271,7 +271,7 @@ TEST_CASE("other file systems: no case, no links, no rights, no locks", "[.long]
     scenario.disk = &disk;
     attack(folder, fmt::format("train, {}, killed", kind.make), scenario, kills(), 2);
     attack(folder, fmt::format("pack, {}, killed", kind.make),
-           {.command = "pack data --out out/F.ubsd", .disk = &disk}, kills(), 2);
+           {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk}, kills(), 2);
   }
 }
 

@@ -322,8 +322,11 @@ TEST_CASE("models keep their values in files and hand out pointers that stay") {
   model.parameter("xyz").values[0] = std::numeric_limits<float>::quiet_NaN();
   check_error(UBS_ERROR_NUMERICAL, "", [&] { model.save(out / "other.ply"); });
   CHECK(!fs::exists(out / "other.ply"));
-  std::ofstream(out / "users.ply") << "not ours";
-  check_error(UBS_ERROR_USAGE, "users.ply", [&] { loaded.save(out / "users.ply"); });
+  std::ofstream(out / "older.ply") << "an older file";
+  loaded.save(out / "older.ply");
+  CHECK(all_values(ubs::Model(out / "older.ply")) == all_values(loaded));
+  fs::create_symlink("older.ply", fs::path(out / "link.ply"));
+  check_error(UBS_ERROR_DATA, "link.ply: is a symbolic link", [&] { loaded.save(out / "link.ply"); });
   check_error(UBS_ERROR_USAGE, "there is no format", [&] { loaded.save(out / "x.ply", "obj"); });
   check_error(UBS_ERROR_USAGE, "time = nan",
               [&] { loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN()); });

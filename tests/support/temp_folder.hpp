@@ -13,7 +13,6 @@
 #include <string>
 
 #include "host/base/error.hpp"
-#include "host/base/made_files.hpp"
 
 namespace ubs::test {
 
@@ -57,10 +56,8 @@ inline std::string replaced(std::string text, const std::string& from, const std
   return text.replace(at, from.size(), to);
 }
 
-// But for the list of what was made there.
 inline std::size_t file_count(const std::filesystem::path& folder) {
-  const auto entries = std::distance(std::filesystem::directory_iterator(folder), {});
-  return static_cast<std::size_t>(entries) - (std::filesystem::exists(folder / kMadeFiles) ? 1 : 0);
+  return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
 }
 
 // The message of the Error that `action` throws; empty when it throws none.

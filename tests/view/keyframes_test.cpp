@@ -49,32 +49,6 @@ TEST_CASE("keyframes: the three ways to say a pose agree") {
   CHECK(file.poses[2].fov == 0.5);
 }
 
-TEST_CASE("keyframes: what is written is read again") {
-  const TempFolder folder;
-  KeyframeFile file{.closed = true, .has_time = true};
-  for (int i = 0; i < 4; ++i) {
-    Pose pose = look_at({1.0 + i, -2, 0.3 * i}, {0, 0.1, 0}, {0, -1, 0.1});
-    pose.fov = 0.6 + 0.01 * i;
-    pose.time = 0.25 * i;
-    file.poses.push_back(pose);
-  }
-  const Vec3 offset{100, -50, 3};
-  write_keyframes(folder / "k.json", file, offset);
-  CHECK(test::file_count(folder.path()) == 1);
-  const KeyframeFile back = read_keyframes(folder / "k.json", {.offset = offset});
-  CHECK(back.closed);
-  CHECK(back.has_time);
-  REQUIRE(back.poses.size() == 4);
-  for (std::size_t i = 0; i < 4; ++i) {
-    // Rounding of coordinates of 100: 7.2e-14 was seen.
-    CHECK(distance(back.poses[i].position, file.poses[i].position) < 1.4e-13);
-    CHECK(distance(back.poses[i].forward(), file.poses[i].forward()) < 1e-14);
-    CHECK(distance(back.poses[i].down(), file.poses[i].down()) < 1e-14);
-    CHECK(back.poses[i].fov == Approx(file.poses[i].fov).epsilon(1e-13));
-    CHECK(back.poses[i].time == file.poses[i].time);
-  }
-}
-
 TEST_CASE("keyframes: errors name the file, the keyframe and the field") {
   CHECK_THAT(refused("{"), Contains("k.json") && Contains("malformed JSON"));
   CHECK_THAT(refused("[]"), Contains("top level"));

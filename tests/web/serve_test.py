@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ubs train --serve` and `ubs view --serve` as visitors meet them: serve_test.py UBS [NAME ...].
+"""`ubs train --serve` and `ubs view` as visitors meet them: serve_test.py UBS [NAME ...].
 
 The client speaks HTTP and WebSockets by itself, so that it can also speak them badly. `flood-full` and
 `flood-wide` are the long forms of `flood`."""
@@ -56,14 +56,18 @@ def sha(folder, name):
 
 
 class Served:
-    """A command with --serve 0; its address is on stderr."""
+    """A command that serves its page at a free port; its address is on stderr."""
 
-    def __init__(self, folder, *arguments):
+    def __init__(self, folder, *arguments, desktop=None):
         self.errors = folder / "stderr.txt"
+        port = "--port" if arguments[0] == "view" else "--serve"
+        # Without a desktop `ubs view` opens no browser.
+        environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
         self.process = subprocess.Popen(
-            [UBS, *map(str, arguments), "--serve", "0"],
+            [UBS, *map(str, arguments), port, "0"],
             stdout=subprocess.DEVNULL,
             stderr=self.errors.open("w"),
+            env={**environment, **(desktop or {})},
         )
         found, deadline = None, time.time() + 600
         while not found:
@@ -285,10 +289,46 @@ def view(folder):
         served.end(130, signal.SIGINT)
 
 
+def desktop(folder):
+    synthesise(folder)
+    ubs(*train(folder, "run", 100))
+    # A program in the place of xdg-open notes what it is asked to open, and stays, as some browsers do.
+    tools, opened, noted = folder / "tools", folder / "opened.txt", folder / "noted.txt"
+    tools.mkdir()
+    program = tools / "xdg-open"
+    note = f"printf '%s %s' $$ \"$*\" >'{noted}' && mv '{noted}' '{opened}'"
+    program.write_text(f"#!/bin/sh\n{note}\nexec sleep 600\n")
+    program.chmod(0o755)
+    path = {"PATH": f"{tools}:{os.environ['PATH']}"}
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        with Served(folder, "view", folder / "run", desktop={**path, name: ":97"}) as served:
+            until(opened.exists)
+            process, address = opened.read_text().split(" ", 1)
+            assert address == served.url, (address, served.url)
+            served.end(130, signal.SIGINT)
+            os.kill(int(process), signal.SIGKILL)  # it is still there: the browser stays open
+        opened.unlink()
+    # The address alone serves where there is no desktop, and where xdg-open fails.
+    with Served(folder, "view", folder / "run", desktop=path) as served:
+        first_picture(served)
+        served.end(130, signal.SIGINT)
+    assert not opened.exists()
+    program.write_text(f"#!/bin/sh\n{note}\nexit 3\n")
+    with Served(folder, "view", folder / "run", desktop={**path, "DISPLAY": ":97"}) as served:
+        until(opened.exists)
+        first_picture(served)
+        served.end(130, signal.SIGTERM)
+
+
+def first_picture(served):
+    header, data = Visitor(served).picture(lens(served.page_options()["cameras"][0]))
+    assert data.startswith(b"\xff\xd8"), header
+
+
 def limits(folder):
     synthesise(folder)
     ubs(*train(folder, "run", 100))
-    with Served(folder, "view", folder / "run", "--serve-host", "0.0.0.0") as served:
+    with Served(folder, "view", folder / "run", "--host", "0.0.0.0") as served:
         token = served.query.removeprefix("?token=")
         assert re.fullmatch("[0-9a-f]{32}", token)
         wrong = token[:-1] + ("0" if token[-1] != "0" else "1")
@@ -362,7 +402,7 @@ def limits(folder):
         time.sleep(0.3)
         assert Visitor(served).picture(camera)[1].startswith(b"\xff\xd8")
         done = subprocess.run(
-            [UBS, "view", folder / "run", "--serve", port], capture_output=True, text=True, timeout=60
+            [UBS, "view", folder / "run", "--port", port], capture_output=True, text=True, timeout=60
         )
         assert done.returncode == 2 and "in use" in done.stderr and done.stderr.count("\n") == 1, done.stderr
         # Never anything on the disk on a visitor's word.
@@ -485,11 +525,32 @@ def pages(folder):
             wait(page, "!document.querySelector('.message').hidden", "the end is not told")
             assert "ended" in page.run("document.querySelector('.message').textContent")
             served.end(130)
-            complaints = [c for c in page.complaints if "ERR_CONNECTION" not in c and "ERR_EMPTY" not in c]
-            assert complaints == [], complaints
+            assert_no_complaints(page)
+        ubs(*train(folder, "finished", 200, "--dim", 7))
+        with Served(folder, "view", folder / "finished") as served:
+            page.open(served.url, (400, 300))
+            page.run("window.L = document.getElementById('ubs-viewer').live, 0")
+            look(page, "a drag", lambda: page.drag((200, 80), (280, 110)))
+            slider = "Object.assign(L.find('input[type=range]'), {value: 0.9}).oninput()"
+            assert not page.run("L.find('input[type=range]').parentNode.hidden")
+            look(page, "time", lambda: page.run(f"{slider}, 0"))
+            assert page.run("L.find('svg') === null"), "curves of a finished model"
+            wait(page, "document.querySelector('.facts').textContent.includes('splats')", "no figures")
+            page.run("HTMLAnchorElement.prototype.click = function() { L.saved = this.href; }, 0")
+            page.run("L.canvas.focus()")
+            page.key("p")
+            assert page.run("L.saved.startsWith('data:image/png;') && L.saved.length > 1000")
+            served.end(130, signal.SIGINT)
+            assert_no_complaints(page)
     finally:
         page.close()
     return "in Chromium"
+
+
+# But for those about the end of the server.
+def assert_no_complaints(page):
+    complaints = [c for c in page.complaints if "ERR_CONNECTION" not in c and "ERR_EMPTY" not in c]
+    assert complaints == [], complaints
 
 
 def wait(page, condition, failure):
@@ -520,6 +581,7 @@ TESTS = {
     "figures": figures,
     "interrupt": interrupt,
     "view": view,
+    "desktop": desktop,
     "limits": limits,
     "flood": lambda folder: flooded(folder, 2),
     "pages": pages,

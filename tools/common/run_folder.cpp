@@ -1,21 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/common/run_folder.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <sstream>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/base/made_files.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
+#include "host/base/uninterrupted.hpp"
+#include "host/base/warning.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/run_cameras.hpp"
 #include "host/spec/settings.hpp"
+#include "tools/common/output_files.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -47,63 +54,72 @@ Image8 side_by_side(const Image8& left, const Image8& right) {
 
 }  // namespace
 
-void RunFolder::check_new(bool overwrite) const {
+RunFolder::~RunFolder() {
+  if (log_ >= 0) ::close(log_);
+}
+
+std::vector<fs::path> RunFolder::files() const {
+  std::vector<fs::path> files{model(), checkpoint(), metrics(), config_file(), log_file()};
+  for (const char* name : kRunCameraFiles) files.push_back(cameras() / name);
+  return files;
+}
+
+void RunFolder::check_files(bool overwrite) const {
   if (!writes_) return;
-  if (overwrite) allow_overwriting(folder_);
   if (!overwrite && path_exists(checkpoint()) && !path_exists(model()))
     fail(ErrorKind::usage, "{} exists: continue that run with --resume {}, or replace it with --overwrite",
          checkpoint().string(), shell_word(folder_.string()));
-  for (const fs::path& file : {model(), checkpoint(), metrics(), config_file(), log_file()})
-    if (!overwrite && path_exists(file) && (file == model() || !is_own_result(file)))
-      fail(ErrorKind::usage, "{} exists: choose another --out, or replace it with --overwrite",
-           file.string());
-  for (const fs::path& folder : {folder_, renders(), cameras()}) check_removable(folder);
-  check_replaceable({model(), checkpoint(), metrics(), config_file(), log_file()});
+  check_free(files(), overwrite);
 }
 
-void RunFolder::check_renders(const Split& split, int count) const {
+std::vector<std::string> RunFolder::render_names(const Split& split, int count) {
+  std::vector<std::string> names;
+  for (const std::size_t i : rendered_views(split, count)) names.push_back(split.views[i].name + ".png");
+  return names;
+}
+
+void RunFolder::check_renders(const Split& split, int count, bool overwrite) const {
   if (!writes_) return;
-  std::vector<fs::path> files;
-  for (const std::size_t i : rendered_views(split, count)) files.push_back(render_file(split.views[i]));
-  check_replaceable(files);
+  Paths files;
+  for (const std::string& name : render_names(split, count)) files.push_back(renders() / name);
+  check_free(files, overwrite);
+}
+
+void RunFolder::check_apart_from(const Split& views) const {
+  for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart_from_images(folder, views);
+}
+
+// The renders that the metrics.json of an earlier run lists.
+void RunFolder::remove_renders() const {
+  if (!path_exists(metrics())) return;
+  const Json json = Json::parse(read_text_file(metrics()), nullptr, false);
+  const auto names = json.is_object() ? json.find("renders") : json.end();
+  if (names == json.end() || !names->is_array()) return;
+  for (const Json& name : *names) {
+    const fs::path file = name.is_string() ? name.get<std::string>() : "";
+    if (file.extension() == ".png" && file == file.filename() && is_regular(renders() / file))
+      remove_path(renders() / file);
+  }
 }
 
 void RunFolder::begin(TrainSettings settings) {
   if (!writes_) return;
-  for (const fs::path& folder : {renders(), cameras(), folder_}) remove_made(folder);
+  remove_renders();
+  for (const fs::path& file : files())
+    if (path_exists(file)) remove_path(file);
+  for (const fs::path& folder : {renders(), cameras()}) ::rmdir(folder.c_str());  // if nothing is left there
   make_folders(folder_);
   write_config(settings);
-  log_.start(log_file(), std::string(kLogHeader) + '\n');
+  start_log(std::string(kLogHeader) + '\n');
 }
 
 void RunFolder::write_config(TrainSettings settings) {
   write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
-// What a run of this program leaves begins like that; the model is that of the run when its metrics say so.
-void RunFolder::adopt_earlier() {
-  const auto adopt_if = [](const fs::path& file, bool grows, const auto& is_ours) {
-    if (path_exists(file) && !is_own_result(file) && is_ours(read_text_file(file))) adopt(file, grows);
-  };
-  const auto begins = [](std::string_view with) {
-    return [with](const std::string& text) { return text.starts_with(with); };
-  };
-  bool interrupted = false;
-  adopt_if(checkpoint(), false, [](const std::string&) { return true; });  // it has been read
-  adopt_if(config_file(), false, begins(kConfigHeader));
-  adopt_if(log_file(), true, begins(kLogHeader));
-  adopt_if(metrics(), false, [&](const std::string& text) {
-    const Json json = Json::parse(text, nullptr, false);
-    interrupted = json.is_object() && json.contains("splats") && json.value("interrupted", false);
-    return interrupted;
-  });
-  if (interrupted) adopt_if(model(), false, begins("ply\n"));
-}
-
 // Rows behind the checkpoint are made again, and so is a last one that is not whole.
 void RunFolder::resume(TrainSettings settings, int iteration) {
   if (!writes_) return;
-  adopt_earlier();
   write_config(settings);
   std::string kept = kLogHeader;
   kept += '\n';
@@ -112,16 +128,45 @@ void RunFolder::resume(TrainSettings settings, int iteration) {
     for (std::string line; std::getline(old, line) && !old.eof();)
       if (const int row = std::atoi(line.c_str()); row > 0 && row <= iteration) kept += line + '\n';
   }
-  log_.start(log_file(), kept);
+  start_log(std::move(kept));
+}
+
+void RunFolder::start_log(std::string rows) {
+  rows_ = std::move(rows);
+  write_file_atomically(log_file(), rows_);
+  if (log_ >= 0) ::close(log_);
+  log_ = ::open(log_file().c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  if (log_ < 0) fail(ErrorKind::data, "{}: cannot write: {}", log_file().string(), std::strerror(errno));
 }
 
 void RunFolder::log(const StepReport& report) {
   if (!writes_) return;
-  log_.add(fmt::format(
-      "{},{:.3f},{},{},{}", report.iteration, report.seconds,
+  const std::string row = fmt::format(
+      "{},{:.3f},{},{},{}\n", report.iteration, report.seconds,
       report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats,
       report.test ? fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim)
-                  : ","));
+                  : ",");
+  rows_ += row;
+  if (log_ < 0) return;  // rows are missing in the file: sync_log() writes all of them
+  for (std::size_t done = 0; done < row.size();) {
+    const auto bytes = uninterrupted([&] { return ::write(log_, row.data() + done, row.size() - done); });
+    if (bytes >= 0) {
+      done += static_cast<std::size_t>(bytes);
+      continue;
+    }
+    if (!warned_)
+      warn("{}: writing failed: {} (disk full?); its rows are kept and tried again", log_file().string(),
+           std::strerror(errno));
+    warned_ = true;
+    ::close(log_);
+    log_ = -1;
+    return;
+  }
+}
+
+void RunFolder::sync_log() {
+  if (!writes_ || rows_.empty()) return;
+  if (log_ < 0 || uninterrupted([&] { return ::fsync(log_); }) != 0) start_log(std::move(rows_));
 }
 
 void RunFolder::save_model(const SplatModel& model_values, std::span<const std::string> comments) {
@@ -163,7 +208,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
     if (!writes_) return;
     const RenderedView rendered = trainer.renderer().download();
     const View& view = split.views[i];
-    save_png(render_file(view),
+    save_png(renders() / (view.name + ".png"),
              side_by_side(view.load_image(),
                           image_from_interleaved(rendered.rgb, rendered.width, rendered.height)));
   };

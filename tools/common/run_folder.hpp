@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
-// metrics.json and renders/. Files other than the log appear whole or not at all. Only files that an earlier
-// run made are deleted, and only they, or with --overwrite any files of these names, are replaced.
+// metrics.json, renders/, and cameras/ of a run that refines them. Files other than the log appear whole or not
+// at all. With --overwrite a run replaces files of these names, and removes the renders that the metrics.json
+// of an earlier run lists; it touches nothing else.
 #pragma once
 
 #include <filesystem>
@@ -13,7 +14,6 @@
 #include "host/spec/train_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/row_log.hpp"
 
 namespace ubs::tools {
 
@@ -24,26 +24,33 @@ class RunFolder {
       : folder_(std::move(folder)), writes_(writes) {}
   bool writes() const { return writes_; }
 
-  // Without `overwrite` they throw Error(usage) when the folder holds a model or a checkpoint, or a file that
-  // the run would write or remove and that is not the unchanged result of an earlier one; with it only when
-  // such a file is a link or a folder. They change nothing.
-  void check_new(bool overwrite) const;
-  void check_renders(const Split& split, int count) const;
+  RunFolder(const RunFolder&) = delete;
+  RunFolder& operator=(const RunFolder&) = delete;
+  ~RunFolder();
+
+  // Before anything is written. They throw Error(usage) if a file that the run would write exists and
+  // `overwrite` is false, or if images of the views are in the folder; Error(data) if such a file is not an
+  // ordinary one.
+  void check_files(bool overwrite) const;
+  void check_renders(const Split& split, int count, bool overwrite) const;
+  void check_apart_from(const Split& views) const;
   // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
   void begin(TrainSettings settings);
   void write_config(TrainSettings settings);  // in the place of the one that is there
   // Instead of begin(), with the checkpoint read: log.csv keeps its rows up to `iteration` and is continued.
-  // Files of a run that an earlier version of this program began, or whose list a power cut has damaged, are
-  // recognised by their content.
   void resume(TrainSettings settings, int iteration);
+  // Adds a row to log.csv. A row that cannot be written is a warning, once; it is kept for sync_log().
   void log(const StepReport& report);
-  void sync_log() { log_.sync(); }  // throws Error(data) when rows cannot be written
+  // Rows so far are on the disk. Throws Error(data) if some cannot be written.
+  void sync_log();
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
   // Of a run that refines cameras; nothing of others. Of one that is not finished those of the training
   // views, without deviations.
   void save_cameras(Trainer& trainer, const Split& train, const Split& test,
                     const std::array<double, 3>& offset, bool finished);
+  // Names of the files in renders() that save_renders() writes.
+  static std::vector<std::string> render_names(const Split& split, int count);
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
   // What cannot be written is tried once more after the others. Throws Error.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
@@ -60,12 +67,15 @@ class RunFolder {
  private:
   std::filesystem::path config_file() const { return folder_ / "config.yaml"; }
   std::filesystem::path log_file() const { return folder_ / "log.csv"; }
-  std::filesystem::path render_file(const View& view) const { return renders() / (view.name + ".png"); }
-  void adopt_earlier();
+  std::vector<std::filesystem::path> files() const;
+  void remove_renders() const;
+  void start_log(std::string rows);
 
   std::filesystem::path folder_;
   bool writes_;
-  RowLog log_;
+  std::string rows_;  // of log.csv, all of them
+  int log_ = -1;      // log.csv, open for appending; -1 if some rows are missing there
+  bool warned_ = false;
 };
 
 }  // namespace ubs::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --serve [PORT] and --serve-host of commands that show their work in a browser (docs/web.md).
+// --serve [PORT] and --serve-host of `ubs train`, which show the training in a browser (docs/web.md).
 #pragma once
 
 #include <CLI/CLI.hpp>

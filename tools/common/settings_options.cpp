@@ -70,6 +70,11 @@ bool SettingsOptions::offered(std::string_view key) const {
   return keys_.empty() || std::ranges::find(keys_, key) != keys_.end();
 }
 
+void SettingsOptions::need(CLI::App& app, CLI::Option* flag) {
+  for (const Entry& entry : entries_) entry.option->needs(flag);
+  for (const char* name : {"--spec", "--set"}) app.get_option(name)->needs(flag);
+}
+
 void SettingsOptions::limit(std::vector<std::string_view> keys, std::string_view why) {
   keys_ = std::move(keys);
   for (const Entry& entry : entries_)

@@ -25,6 +25,8 @@ class SettingsOptions {
   explicit SettingsOptions(CLI::App& app, std::vector<std::string_view> keys = {});
   SettingsOptions(const SettingsOptions&) = delete;
 
+  // All of them are refused without `flag`.
+  void need(CLI::App& app, CLI::Option* flag);
   TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base`: in place of the defaults
   // From now on these fields alone. Throws Error(usage) for others that are given: "--OPTION `why`".
   void limit(std::vector<std::string_view> keys, std::string_view why);

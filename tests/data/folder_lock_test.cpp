@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who may write into a folder of results (host/base/folder_lock.hpp).
+#include "host/base/folder_lock.hpp"
+
+#include <unistd.h>
+
+#include "host/base/file.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+namespace fs = std::filesystem;
+
+TEST_CASE("folder lock: one holder at a time, and the second is told who", "[made]") {
+  const TempFolder folder;
+  {
+    const FolderLock lock(folder / "new/run");
+    CHECK_THAT(
+        message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
+        Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing there"));
+  }
+  CHECK_FALSE(fs::exists(folder / "new/run"));  // nothing came into it
+  put(folder / "old/x", "x");
+  put(folder / "old/.ubs-lock", "left by a killed process");
+  {
+    const FolderLock lock(folder / "old");
+    write_file_atomically(folder / "old/y", "y");
+  }
+  CHECK(file_count(folder / "old") == 2);
+}

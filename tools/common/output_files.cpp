@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/output_files.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/paths.hpp"
+
+namespace ubs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// True if `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts count.
+bool lies_in(const fs::path& inner, const fs::path& outer) {
+  for (fs::path above = resolved_path(inner); above != above.parent_path();) {
+    above = above.parent_path();
+    if (same_file(above, outer)) return true;
+  }
+  return false;
+}
+
+// Folders that loaders look into by their names, also if they are missing now (docs/data.md).
+bool is_read_by_name(const std::string& name, const fs::path& root) {
+  constexpr std::array kNames{"train", "test", "val", "masks", "sparse", "colmap"};
+  return name.starts_with("images") || std::ranges::find(kNames, name) != kNames.end() ||
+         (name.starts_with("cam") && path_exists(root / "poses_bounds.npy"));
+}
+
+bool has_cameras(const fs::path& file) {
+  constexpr std::array kNames{"cameras.txt", "images.txt", "cameras.bin", "images.bin", "poses_bounds.npy"};
+  const std::string name = file.filename().string();
+  return name.starts_with("transforms") || std::ranges::find(kNames, name) != kNames.end();
+}
+
+// True if data in `root` have cameras directly in the folder, or would look for something there.
+bool is_data_folder(const fs::path& folder, const fs::path& root) {
+  const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
+  if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;
+  return is_folder(folder) && std::ranges::any_of(folder_entries(folder), has_cameras);
+}
+
+[[noreturn]] void refuse_data_folder(const fs::path& folder) {
+  fail(ErrorKind::usage, "{}: is a folder of images or cameras of the data; choose another output folder",
+       folder.string());
+}
+
+void check_files(const Paths& files, const Paths& inputs, bool overwrite) {
+  Paths wanted;
+  for (const fs::path& file : files)
+    if (!file.empty()) wanted.push_back(file);
+  std::set<fs::path> seen;
+  for (const fs::path& file : wanted) {
+    for (const fs::path& input : inputs)
+      if (!input.empty() && same_file(file, input))
+        fail(ErrorKind::usage, "{}: is the input {}; choose another file to write", file.string(),
+             input.string());
+    if (!seen.insert(resolved_path(file)).second)
+      fail(ErrorKind::usage, "{}: two results cannot go to one file", file.string());
+  }
+  check_free(wanted, overwrite);
+}
+
+}  // namespace
+
+void add_overwrite_option(CLI::App& app, bool& overwrite) {
+  app.add_flag("--overwrite", overwrite, "replace files that exist");
+}
+
+void check_free(const Paths& files, bool overwrite) {
+  for (const fs::path& file : files) {
+    check_ordinary(file);
+    if (!overwrite && path_exists(file))
+      fail(ErrorKind::usage, "{}: exists; choose another name, or replace it with --overwrite",
+           file.string());
+  }
+}
+
+void check_output_files(const Paths& files, const Paths& inputs, bool overwrite) {
+  check_files(files, inputs, overwrite);
+  for (const fs::path& file : files) {
+    if (file.empty()) continue;
+    if (access(folder_of(file).c_str(), W_OK | X_OK) != 0)
+      fail(ErrorKind::data, "{}: cannot write: {}", file.string(), std::strerror(errno));
+  }
+}
+
+void check_apart(const fs::path& folder, const Paths& data) {
+  for (const fs::path& input : data) {
+    if (input.empty()) continue;
+    if (lies_in(folder, input) && is_data_folder(folder, input)) refuse_data_folder(folder);
+    const char* how = same_file(folder, input) ? "is" : lies_in(input, folder) ? "holds" : nullptr;
+    if (how)
+      fail(ErrorKind::usage, "{}: {} the data ({}); choose an output folder apart from them", folder.string(),
+           how, input.string());
+  }
+}
+
+void check_apart_from_images(const fs::path& folder, const Split& views) {
+  for (const View& view : views.views)
+    if (!view.file.empty() && same_file(folder, folder_of(view.file))) refuse_data_folder(folder);
+}
+
+std::unique_ptr<FolderLock> take_folder(const fs::path& folder, const Paths& names, const Paths& data,
+                                        bool overwrite) {
+  if (folder.empty()) return nullptr;
+  if (path_exists(folder) && !is_folder(folder))
+    fail(ErrorKind::usage, "{}: is not a folder", folder.string());
+  check_apart(folder, data);
+  Paths files;
+  for (const fs::path& name : names) files.push_back(folder / name);
+  check_files(files, data, overwrite);
+  return std::make_unique<FolderLock>(folder);
+}
+
+}  // namespace ubs::tools
