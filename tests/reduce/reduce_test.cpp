@@ -102,7 +102,7 @@ ChangeOfViews change_of(Device& device, const KernelConfig& config, const Reduce
       const std::size_t p = i % pixels;
       const double d = double{a.changed[p]} + b.changed[p],
                    stop = std::max(a.left[p] <= 0.1f ? a.left[p] : 0, b.left[p] <= 0.1f ? b.left[p] : 0);
-      const double bound = d > 0 ? range * (d + (stop > 0 ? stop + d : 0)) + kRounding : 0;
+      const double bound = d > 0 || stop > 0 ? range * (stop > 0 ? 2 * d + stop : d) + kRounding : 0;
       const double measured = std::abs(double{a.image[i]} - b.image[i]);
       out.measured = std::max(out.measured, measured);
       out.bound = std::max(out.bound, bound);
