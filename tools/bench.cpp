@@ -15,12 +15,12 @@
 #include "host/spec/settings.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {
@@ -117,7 +117,8 @@ int run(BenchOptions& options) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
     return 0;
   }
-  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data}, options.overwrite);
+  check_output_files({options.json}, {options.baseline, options.model, options.garden, options.data},
+                     options.overwrite);
   std::vector<BaselineEntry> baseline;
   if (!options.baseline.empty()) baseline = load_baseline(options.baseline);
   bench::RunOptions run = run_options(options, training);

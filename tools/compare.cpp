@@ -21,9 +21,9 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/compare_report.hpp"
 
 namespace ubs::tools {
@@ -236,7 +236,8 @@ Inputs load_inputs(const CompareOptions& options) {
 
 int run(CompareOptions& options) {
   options.run = use_run_data(options.model, options.data);
-  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data}, options.overwrite);
+  const auto held = take_folder(options.out, {"compare.json", "compare.csv", "compare.md"}, {options.data},
+                                options.overwrite);
   const Inputs in = load_inputs(options);
   check_devices(options.devices);
   std::vector<Comparison> rows;

@@ -20,10 +20,10 @@
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 
 namespace ubs::tools {
 namespace {

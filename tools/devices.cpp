@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices: what there is to compute on, with the numbers and names that --device takes; whether it computes
-// right, and whether all is well with this machine.
+// ubs devices: what there is to compute on, with the numbers and names that --device takes; whether it
+// computes right, and whether all is well with this machine.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -101,18 +101,18 @@ Command add_devices(CLI::App& root) {
                   "device as for other commands; several with --check and --doctor [UBS_DEVICE, else all]")
       ->delimiter(',')
       ->type_name("A,B");
-  CLI::Option* check = app->add_flag(
-      "--check", options->check, "compare every stage with float64; exit code 10 if a device is wrong");
+  CLI::Option* check = app->add_flag("--check", options->check,
+                                     "compare every stage with float64; exit code 10 if a device is wrong");
   app->add_option("--dim", options->dims, "with --check: dimensions of the splats [3,6,7]")
       ->delimiter(',')
       ->check(from_to(kMinDim, kMaxDim))
       ->needs(check)
       ->type_name("N,N");
-  CLI::Option* doctor =
-      app->add_flag("--doctor", options->doctor,
-                    "say whether all is well with this machine, and what to do if not")
-          ->excludes(check);
-  app->add_option("--cases", options->cases, "with --doctor: random cases against float64 on each device [50]")
+  CLI::Option* doctor = app->add_flag("--doctor", options->doctor,
+                                      "say whether all is well with this machine, and what to do if not")
+                            ->excludes(check);
+  app->add_option("--cases", options->cases,
+                  "with --doctor: random cases against float64 on each device [50]")
       ->check(from_to(1, 100000))
       ->needs(doctor)
       ->type_name("N");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices --doctor: one page about this machine with a verdict and what to do; the first thing to attach to a
-// report of a problem.
+// ubs devices --doctor: one page about this machine with a verdict and what to do; the first thing to attach
+// to a report of a problem.
 #include <sys/utsname.h>
 #include <unistd.h>
 

@@ -13,12 +13,12 @@
 #include "host/run/run_cameras.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

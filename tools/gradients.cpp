@@ -14,9 +14,9 @@
 #include "host/run/proved_device.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -25,7 +25,8 @@ std::string full_name(const CLI::App& app);
 // The error message for a word that is not a subcommand, with the nearest one.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);
 
-// "; did you mean --cap-max?" for the first unknown option, or nothing if no option has nearly the same letters.
+// "; did you mean --cap-max?" for the first unknown option, or nothing if no option has nearly the same
+// letters.
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments);
 
 }  // namespace ubs::tools

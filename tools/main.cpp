@@ -79,28 +79,12 @@ int run(int argc, char** argv) {
   using namespace ubs::tools;
   prepare_help(root);
   const std::vector<Command> commands{
-      add_train(root),
-      add_plan(root),
-      add_render(root),
-      add_eval(root),
-      add_info(root),
-      add_synth(root),
-      add_pack(root),
-      add_convert(root),
-      add_gradients(root),
-      add_devices(root),
-      add_compare(root),
-      add_bench(root),
-      add_accuracy(root),
-      add_stress(root),
-      add_tune(root),
-      add_metrics(root),
-      add_reduce(root),
-      add_cameras(root),
-      add_view(root),
+      add_train(root),   add_plan(root),   add_render(root),   add_eval(root),      add_info(root),
+      add_synth(root),   add_pack(root),   add_convert(root),  add_gradients(root), add_devices(root),
+      add_compare(root), add_bench(root),  add_accuracy(root), add_stress(root),    add_tune(root),
+      add_metrics(root), add_reduce(root), add_cameras(root),  add_view(root),
 #ifdef UBS_WITH_OPENCV
-      add_report(root),
-      add_web(root),
+      add_report(root),  add_web(root),
 #endif
   };
   arrange_commands(root);

@@ -13,10 +13,10 @@
 #include "host/run/proved_device.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/lpips_options.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

@@ -8,8 +8,8 @@
 #include "host/data/packed.hpp"
 #include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/settings_options.hpp"
 
 namespace ubs::tools {

@@ -18,9 +18,9 @@
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 #include "tools/reduce_report.hpp"
 

@@ -17,11 +17,11 @@
 #include "host/run/open_data.hpp"
 #include "host/view/picture.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/path_options.hpp"
 #include "tools/common/progress.hpp"
 
@@ -70,7 +70,8 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
     for (const std::string& channel : options.channels)
       names.push_back(file_name(options, channel, view.name));
   auto held = take_folder(options.out, names, {options.data}, options.overwrite);
-  check_output_files({options.video}, {options.model, options.data}, options.overwrite);  // it may lie in the folder
+  check_output_files({options.video}, {options.model, options.data},
+                     options.overwrite);  // it may lie in the folder
   return held;
 }
 

@@ -21,10 +21,10 @@
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

@@ -37,9 +37,7 @@ Command add_synth(CLI::App& root) {
   app->add_option("scene", scene.scene, "glossy (static, reflections), orbit (dynamic), cloud (volume)")
       ->required()
       ->type_name("SCENE");
-  app->add_option("--out", options->out, "data folder to write")
-      ->required()
-      ->type_name("DIR");
+  app->add_option("--out", options->out, "data folder to write")->required()->type_name("DIR");
   CLI::Option* width = app->add_option("--width", scene.width, "image width")->capture_default_str();
   CLI::Option* height = app->add_option("--height", scene.height, "image height")->capture_default_str();
   app->add_option("--size", options->size, "width and height at once")

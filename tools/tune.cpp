@@ -13,11 +13,11 @@
 #include "host/run/proved_device.hpp"
 #include "tools/bench_data.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
 
 namespace ubs::tools {

@@ -15,10 +15,10 @@
 #include "host/web/page.hpp"
 #include "host/web/steps.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/output_files.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/output_files.hpp"
 #include "tools/common/page_views.hpp"
 #include "tools/common/path_options.hpp"
 

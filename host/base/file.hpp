@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading whole files, and writing files that are never seen half done: the data go to a temporary file in the
-// same folder, which takes the final name in one rename. Every failure names the path.
+// Reading whole files, and writing files that are never seen half done: the data go to a temporary file in
+// the same folder, which takes the final name in one rename. Every failure names the path.
 //
 // Results are on the disk when commit() returns: the file is synchronised before the rename, its folder after
 // it. So a power cut leaves the old file or the new one, and what was written before another file is there if
@@ -31,14 +31,14 @@ void check_ordinary(const std::filesystem::path& path);
 
 enum class FileUse {
   result,  // synchronised
-  cache    // not synchronised: it can be made again, readers must notice damage, and waiting for the disk could
-           // cost more than making it
+  cache  // not synchronised: it can be made again, readers must notice damage, and waiting for the disk could
+         // cost more than making it
 };
 
 // Writes into ".ubs-tmp-<process>-<number><suffix>" beside `path` until commit(), which replaces the file of
-// that name; a destructor without commit removes the temporary file. While it is written it is locked (flock):
-// an unlocked one was left by a killed process, and is removed when a process writes its first file into the
-// folder.
+// that name; a destructor without commit removes the temporary file. While it is written it is locked
+// (flock): an unlocked one was left by a killed process, and is removed when a process writes its first file
+// into the folder.
 class AtomicFile {
  public:
   // Throws Error(data) if `path` is not an ordinary file, or cannot be written.

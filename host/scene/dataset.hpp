@@ -43,8 +43,8 @@ struct View {
   Camera camera;
   Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
   std::shared_ptr<const ImageSource> source;
-  bool masked = false;  // the image comes with a mask
-  bool opaque = false;  // its file is known to have no alpha: nothing of a background is in it
+  bool masked = false;           // the image comes with a mask
+  bool opaque = false;           // its file is known to have no alpha: nothing of a background is in it
   std::filesystem::path file{};  // of the image; empty if there is none, or it is in a video or packed file
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }

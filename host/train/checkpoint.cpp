@@ -324,8 +324,7 @@ void write_checkpoint(const std::filesystem::path& path, const Checkpoint& check
   steps.then([&] {
     if (!ranks.first()) return;
     if (rows.empty())
-      for (const auto* part : {&s.model.values, &s.moment1, &s.moment2})
-        file->write(*part);
+      for (const auto* part : {&s.model.values, &s.moment1, &s.moment2}) file->write(*part);
     else
       for (std::size_t row = 0; row < as_values<RowPart>(rows[0]).size(); ++row)
         for (const Bytes& of_rank : rows) {

@@ -49,7 +49,7 @@ TEST_CASE("accuracy: a model is drawn as it wants to be") {
   write_splat_ply(folder / "m.ply", bench::random_start(6, 200, 32, 32).model,
                   comments_of({.drawing = {{"eps2d", "50"}}, .cameras = {}}));
   const auto error = [&](const std::string& options) {
-    test::ubs_ok(folder, "accuracy m.ply data --quick --config default --out a " + options);
+    test::ubs_ok(folder, "accuracy m.ply data --quick --config default --out a --overwrite " + options);
     const json result = json::parse(get(folder / "a/accuracy.json")).at("results")[0];
     return result.at("stages").at("forward").at("errors").at("image").at("relative").get<double>();
   };

@@ -132,7 +132,7 @@ TEST_CASE("bench: data of another layout, models of another form") {
   CHECK(report["math"] == "native");
   // They reach a stage, which then holds less.
   const auto adam_bytes = [&](const std::string& options) {
-    ubs_ok(folder, "bench --quick --device opencl --run adam.synthetic --json a.json" + options);
+    ubs_ok(folder, "bench --quick --device opencl --run adam.synthetic --overwrite --json a.json" + options);
     return json::parse(get(folder / "a.json"))["devices"][0]["cases"][0]["peak_bytes"].get<std::uint64_t>();
   };
   CHECK(adam_bytes(" --set freeze=rgb") < adam_bytes(""));

@@ -75,13 +75,13 @@ TEST_CASE("devices --check: right kernels pass, a line a stage") {
 
 TEST_CASE("devices --check: a form of one dimension is taken for that dimension") {
   const TempFolder folder;
-  check_error(folder, "devices --check --dim 6 --rot-mode quaternion --device none-such", exit_code(ErrorKind::usage),
-              "dim = 3");
-  check_error(folder, "devices --check --dim 3 --rot-mode quaternion --device none-such", exit_code(ErrorKind::device),
-              "none-such");
+  check_error(folder, "devices --check --dim 6 --rot-mode quaternion --device none-such",
+              exit_code(ErrorKind::usage), "dim = 3");
+  check_error(folder, "devices --check --dim 3 --rot-mode quaternion --device none-such",
+              exit_code(ErrorKind::device), "none-such");
   for (const char* dims : {"0", "6,2"})  // internal errors
-    check_error(folder, fmt::format("devices --check --dim {} --device none-such", dims), exit_code(ErrorKind::usage),
-                "from 3 to 11");
+    check_error(folder, fmt::format("devices --check --dim {} --device none-such", dims),
+                exit_code(ErrorKind::usage), "from 3 to 11");
 }
 
 TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {

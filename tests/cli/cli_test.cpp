@@ -370,7 +370,8 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   const TempFolder folder;
   put_trained(folder);
   const auto loss_of = [&](const std::string& model) {
-    const std::string arguments = "gradients --model " + model + " --data data --view 1 --out g.ply --json";
+    const std::string arguments =
+        "gradients --model " + model + " --data data --view 1 --out g.ply --overwrite --json";
     return json::parse(ubs_ok(folder, arguments).out)["loss"].get<double>();
   };
   loss_of("run/model.ply");
@@ -401,7 +402,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
 TEST_CASE("cli: gradients against a target file, and what is refused") {
   const TempFolder folder;
   put_trained(folder);
-  const std::string base = "gradients --model run/model.ply --data data --out g.ply --view ";
+  const std::string base = "gradients --model run/model.ply --data data --out g.ply --overwrite --view ";
   ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --views 1");
   // A render compared with itself: no loss.
   const json self = json::parse(ubs_ok(folder, base + "1 --target n/r_001.npy --json").out);
@@ -427,7 +428,7 @@ TEST_CASE("cli: render and gradients need no images when the JSON has w and h") 
   CHECK(get(folder / "before/r_001.npy") == get(folder / "after/r_001.npy"));
   ubs_ok(folder,
          "gradients --model run/model.ply --data data --view 1 --target before/r_001.npy --out g.ply");
-  check_error(folder, "gradients --model run/model.ply --data data --view 1 --out g.ply", 3, "--target");
+  check_error(folder, "gradients --model run/model.ply --data data --view 1 --out h.ply", 3, "--target");
   check_error(folder, "eval --model run/model.ply --data data", 3, "has no image file");
 }
 
@@ -468,6 +469,7 @@ TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in 
     CHECK(result.err.find("warning") == std::string::npos);
     CHECK(json::parse(ubs_ok(folder, "info " + out + "/model.ply --json").out)["dim"] == dim);
   }
+  fs::remove_all(folder / "data");
   synthesise(folder);
   const Result result = ubs_ok(folder, fmt::format("train --data data --out s {} --dim 7", kTiny));
   CHECK(result.err.find("warning: all training views have the same time") != std::string::npos);

@@ -86,7 +86,7 @@ TEST_CASE("a run knows its data, and how they were read") {
   ubs_ok(folder, "render sets/run sets/data --views 0 --out drawn");
   const fs::path picture = folder / "drawn/r_000.png";
   CHECK(load_image(picture).width == 32);
-  ubs_ok(folder, "render sets/run sets/data --views 0 --downscale 1 --out drawn");
+  ubs_ok(folder, "render sets/run sets/data --views 0 --downscale 1 --out drawn --overwrite");
   CHECK(load_image(picture).width == 64);
   ubs_ok(folder, "gradients sets/run --view 0 --out gradients.ply");
   ubs_ok(folder, "reduce sets/run --lossless --out small.ply --quiet");
@@ -464,7 +464,8 @@ TEST_CASE("help: groups, examples, and few options first") {
   CHECK(eval.find("REQUIRED", eval.find("Positionals:")) != std::string::npos);
   CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);
   check_error(folder, "train --iteratons 9", 2, "did you mean --iterations?");
-  for (const char* wrong : {"eval run --quiet", "metrics a b --seed 1", "info x --fast", "train --output x"}) {
+  for (const char* wrong :
+       {"eval run --quiet", "metrics a b --seed 1", "info x --fast", "train --output x"}) {
     INFO(wrong);
     CHECK_THAT(run_ubs(folder, wrong).err, !Contains("did you mean"));
   }
@@ -634,8 +635,8 @@ TEST_CASE("doctor: one page with a verdict") {
   CHECK(broken.code == 4);
   put(folder / "file", "");
   const Result remark = test::run_command(
-      folder,
-      fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' devices --doctor --json --device cpu --cases 1", UBS_EXECUTABLE));
+      folder, fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' devices --doctor --json --device cpu --cases 1",
+                          UBS_EXECUTABLE));
   REQUIRE(remark.code == 0);
   const json doctor = json::parse(remark.out);
   CHECK(doctor["well"] == true);

@@ -66,7 +66,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   ubs_ok(folder, "convert by_way.ply by_way.spz");
   CHECK(read_foreign_splats(folder / "by_way.spz").count() == 1);
   write_splat_ply(folder / "u7.ply", faint_ball(7));
-  CHECK_THAT(run_ubs(folder, "convert u7.ply d.ply --to dbs").err, Contains("Beta splats of N = 3"));
+  CHECK_THAT(run_ubs(folder, "convert u7.ply d7.ply --to dbs").err, Contains("Beta splats of N = 3"));
   write_splat_ply(folder / "lobes.ply", SplatModel(3, 1, {.colour = ColourMode::sb1}));
   CHECK_THAT(ubs_ok(folder, "convert lobes.ply lobes.spz").out, Contains("Beta lobes are lost"));
   // What this conversion has no use for was ignored.
@@ -82,7 +82,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
-  const std::string background = "convert u7.ply b.spz --time 0.5 --background ";
+  const std::string background = "convert u7.ply b.spz --overwrite --time 0.5 --background ";
   CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("learnt before background 1,0.5,0, "));
   CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
   ubs_ok(folder, "convert x.spz x.splat");

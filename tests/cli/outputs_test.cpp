@@ -144,10 +144,11 @@ TEST_CASE("outputs: --overwrite does not reach photographs in a folder of any na
   const TempFolder folder;
   synthesise(folder);
   fs::rename(folder / "data/test", folder / "data/photos");
-  const std::string text = test::replaced(get(folder / "data/transforms_test.json"), "./test/r_000", "./photos/r_000");
+  const std::string text =
+      test::replaced(get(folder / "data/transforms_test.json"), "./test/r_000", "./photos/r_000");
   put(folder / "data/transforms_test.json", test::replaced(text, "./test/r_001", "./photos/r_001"));
   ubs_ok(folder, train("run"));
-  check_refused(folder, "render run --out data/photos --overwrite", "is a folder of images or cameras");
+  check_refused(folder, "render run data --out data/photos --overwrite", "is a folder of images or cameras");
   check_refused(folder, train("data/photos", "--overwrite"), "is a folder of images or cameras");
   fs::rename(folder / "data/photos", folder / "data/renders");
   std::string moved = get(folder / "data/transforms_test.json");
@@ -248,7 +249,8 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
     const std::size_t other = turn++ % (reads ? 4 : 2);
     for (std::size_t i = 0; const std::string link : {"link.mp4", "dangling.mp4"})
       if (const bool chosen = i++ == other; all || chosen)
-        check_error(folder, with_out(writer.arguments, link) + " --overwrite", 3, link + ": is a symbolic link");
+        check_error(folder, with_out(writer.arguments, link) + " --overwrite", 3,
+                    link + ": is a symbolic link");
     if (!reads) continue;
     fs::remove(folder / "hard.mp4");
     fs::create_hard_link(folder / writer.input, folder / "hard.mp4");
@@ -256,9 +258,8 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
       if (const bool chosen = i++ == other; all || chosen)
         check_refused(folder, with_out(writer.arguments, out) + " --overwrite", "is the input");
   }
-  for (const char* command :
-       {"convert run/model.ply mine.ply", "pack data --out mine.ubsd",
-        "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
+  for (const char* command : {"convert run/model.ply mine.ply", "pack data --out mine.ubsd",
+                              "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
     const std::string file = std::string(command).substr(std::string(command).find("mine"));
     put(folder / file, "old");
     check_refused(folder, command, file + ": exists");

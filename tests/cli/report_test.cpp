@@ -189,14 +189,14 @@ TEST_CASE("report: page of one run", "[cli]") {
   CHECK(made["runs"][0]["views"] == 1);
   CHECK(pictures(read_page(folder / "small.html"))["render"] == 1);
   CHECK(contains(get(folder / "small.html"), "id=\"ubs-viewer\""));
-  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html");
+  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
   read_page(folder / "plain.html");
   CHECK_FALSE(contains(get(folder / "plain.html"), "ubs-viewer"));
 
   json damaged = metrics;  // a name that is no text is that of no view
   damaged["test"]["views"][0]["name"] = 5;
   put(folder / "still/metrics.json", damaged.dump());
-  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html");
+  ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
   put(folder / "still/metrics.json", metrics.dump());
 }
 
@@ -257,7 +257,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   };
   copy("away/run");
   fs::rename(folder / "data", folder / "data-moved");
-  ubs_ok(folder, "report away/run --device cpu");
+  ubs_ok(folder, "report away/run --device cpu --overwrite");
   CHECK(contains(get(folder / "stderr.txt"), "data folder data is gone"));
   HtmlCheck page = read_page(folder / "away/run/report.html");
   CHECK(contains(get(folder / "away/run/report.html"), "around the model 1"));
@@ -268,18 +268,18 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   CHECK(brightness(page, "alpha") > 3);
 
   fs::remove_all(folder / "away/run/renders");
-  ubs_ok(folder, "report away/run --device cpu");
+  ubs_ok(folder, "report away/run --device cpu --overwrite");
   CHECK(contains(get(folder / "away/run/report.html"), "no ground truth: views from around the model"));
   count = pictures(read_page(folder / "away/run/report.html"));
   CHECK(count["ground truth"] == 0);
   CHECK(count["render"] == 2);
-  ubs_ok(folder, "report away/run --device cpu --data data-moved");
+  ubs_ok(folder, "report away/run --device cpu --data data-moved --overwrite");
   CHECK(pictures(read_page(folder / "away/run/report.html"))["ground truth"] == 3);
   fs::rename(folder / "data-moved", folder / "data");
 
   copy("bare");
   for (const char* file : {"model.ply", "metrics.json", "config.yaml"}) fs::remove(folder / "bare" / file);
-  ubs_ok(folder, "report bare");
+  ubs_ok(folder, "report bare --overwrite");
   page = read_page(folder / "bare/report.html");
   CHECK(page.ids() == Ids{"summary", "curves", "device"});
   CHECK(contains(get(folder / "bare/report.html"), "model.ply is missing"));
@@ -291,7 +291,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   fs::remove(folder / "mixed/model.ply");
   write_mixed_ply(folder / "mixed/model.ply", MixedModel(std::vector<SplatModel>{whole, flat}));
   fs::remove(folder / "mixed/log.csv");
-  ubs_ok(folder, "report mixed --device cpu --views 1");
+  ubs_ok(folder, "report mixed --device cpu --views 1 --overwrite");
   page = read_page(folder / "mixed/report.html");
   CHECK_FALSE(page.ids().contains("curves"));
   CHECK(pictures(page)["lower half"] == 2);
@@ -306,7 +306,7 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
   fs::remove_all(there / "runs/a/still/renders");
   const std::string run = (there / "runs/a/still").string();
   const auto truths = [&](const TempFolder& from, const std::string& arguments) {
-    ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html" + arguments);
+    ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html --overwrite" + arguments);
     return pictures(read_page(from / "page.html"))["ground truth"];
   };
   // From a folder above the run nothing is taken; from the working folder only what the run was trained on.
@@ -397,7 +397,7 @@ TEST_CASE("report: a run that was killed later, with the background and the lens
          {"cx", 16},
          {"cy", 16}});
   put(run / "cameras/transforms.json", cameras.dump());
-  ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer");
+  ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer --overwrite");
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: the model is that of the checkpoint"));
   CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765: white
 }

@@ -124,8 +124,7 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   const cuda_on_host::Card& card = cuda_on_host::card;
-  *properties = {
-      "CUDA on the host", card.capability / 10, card.capability % 10, 1, kMemoryBytes, 0, 1, 0};
+  *properties = {"CUDA on the host", card.capability / 10, card.capability % 10, 1, kMemoryBytes, 0, 1, 0};
   return card.properties;
 }
 

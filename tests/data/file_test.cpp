@@ -76,8 +76,8 @@ TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
   CHECK(fs::is_symlink(folder / "dangling"));
 }
 
-// Every process that begins in a folder searches it: a file that another one has just opened must not be taken.
-// Without a second look at the file that was just locked one write of 700 failed.
+// Every process that begins in a folder searches it: a file that another one has just opened must not be
+// taken. Without a second look at the file that was just locked one write of 700 failed.
 TEST_CASE("file: a search for abandoned files takes none that is being written", "[file]") {
   const TempFolder folder;
   std::atomic<bool> done{false};

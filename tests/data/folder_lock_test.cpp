@@ -16,9 +16,8 @@ TEST_CASE("folder lock: one holder at a time, and the second is told who", "[mad
   const TempFolder folder;
   {
     const FolderLock lock(folder / "new/run");
-    CHECK_THAT(
-        message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
-        Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing there"));
+    CHECK_THAT(message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
+               Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing there"));
   }
   CHECK_FALSE(fs::exists(folder / "new/run"));  // nothing came into it
   put(folder / "old/x", "x");

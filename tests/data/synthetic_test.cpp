@@ -32,8 +32,7 @@ SyntheticOptions small(const std::string& scene, std::uint64_t seed = 0) {
 std::map<std::string, std::string> contents(const std::filesystem::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
-    if (entry.is_regular_file())
-      files[entry.path().lexically_relative(folder).string()] = get(entry.path());
+    if (entry.is_regular_file()) files[entry.path().lexically_relative(folder).string()] = get(entry.path());
   return files;
 }
 

@@ -20,7 +20,7 @@ const std::map<std::string, std::string> kMayInclude{
     {"pipeline", "base cluster scene device kernels"},
     {"metrics", "base device pipeline"},
     {"train", "base cluster scene device kernels spec pipeline metrics"},
-    {"data", "base scene spec"},
+    {"data", "base scene spec kernels"},
     {"opencl", "base scene device kernels"},
     {"cuda_backend", "base scene device kernels"},
     {"oracle", "base scene device metrics"},

@@ -56,8 +56,8 @@ TEST_CASE("faults: convert, over an older file too") {
   const Scenario scenario{.command = "convert run/model.ply out/m.spz --overwrite",
                           .before = "convert run2/model.ply out/m.spz"};
   attack(folder, "convert, disk and killed", scenario, both(writing_faults(), kills()), 2);
-  attack(folder, "convert, reading", {.command = "convert run/model.ply out/m.splat --overwrite", .watched = "run"},
-         reading_faults(), 1);
+  attack(folder, "convert, reading",
+         {.command = "convert run/model.ply out/m.splat --overwrite", .watched = "run"}, reading_faults(), 1);
 }
 
 Scenario training() {
@@ -102,13 +102,17 @@ TEST_CASE("faults: the other commands", "[.long]") {
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   const Scenario scenarios[] = {
       {.command = "gradients --model run/model.ply --data data --view 1 --out out/g.ply --overwrite"},
-      {.command = "synth glossy --out out/s --size 16 --views 2 --test-views 1 --supersampling 1 --overwrite"},
+      {.command =
+           "synth glossy --out out/s --size 16 --views 2 --test-views 1 --supersampling 1 --overwrite"},
       {.command = "eval --model run/model.ply --data data --fps-views 0 --out out/e.json --overwrite",
        .common = without_times},
-      {.command = "reduce --model run/model.ply --data data --bound 0.01 --out out/r.ply --quiet --overwrite"},
-      {.command = "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi --overwrite"},
+      {.command =
+           "reduce --model run/model.ply --data data --bound 0.01 --out out/r.ply --quiet --overwrite"},
+      {.command =
+           "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi --overwrite"},
       {.command = "report run --out out/r.html --views 1 --overwrite", .common = without_times},
-      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json --overwrite", .common = without_times},
+      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json --overwrite",
+       .common = without_times},
       {.command = "bench --quick --run ^sum.*glossy --sizes 64x64/100 --json out/bench.json --overwrite",
        .common = without_times},
   };
@@ -133,8 +137,9 @@ TEST_CASE("faults: tune, accuracy", "[.long]") {
                       .common = present};
   attack(folder, "tune, disk", tune, writing_faults(), 2);
   attack(folder, "tune, killed", tune, kills(), 2);
-  attack(folder, "accuracy, disk", {.command = "accuracy --quick --quiet --out out/a --overwrite", .common = present},
-         writing_faults(), 1);
+  attack(folder, "accuracy, disk",
+         {.command = "accuracy --quick --quiet --out out/a --overwrite", .common = present}, writing_faults(),
+         1);
 }
 
 TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
@@ -215,8 +220,8 @@ TEST_CASE("power cuts: what a command has reported stays, what it was about to w
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
-  attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk}, power_cuts(),
-         1);
+  attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk},
+         power_cuts(), 1);
   attack(folder, "convert, power cut", {.command = "convert run/model.ply out/m.spz", .disk = &disk},
          power_cuts(), 1);
   Scenario scenario = training();

@@ -63,7 +63,7 @@ TEST_CASE("render --path orbit: pictures and video show the same, all different,
   test::put(folder / "k.json",
             R"({"keyframes": [{"position": [0,-3,0.5], "look_at": [0,0,0], "up": [0,0,1], "time": 0.5}]})");
   const auto pictures = [&](const std::string& time) {
-    run_ok(folder, "m.ply --path k.json --path-frames 3 --size 64x48 --fov 60 --out k " + time);
+    run_ok(folder, "m.ply --path k.json --path-frames 3 --size 64x48 --fov 60 --out k --overwrite " + time);
     std::vector<std::string> bytes;
     for (int i = 0; i < 3; ++i) bytes.push_back(test::get(folder / fmt::format("k/frame_{:04}.png", i)));
     return bytes;
@@ -81,7 +81,8 @@ TEST_CASE("render --path: models of several N, depth, alpha, the cameras of data
   const TempFolder folder;
   write_mixed_ply(folder / "m.ply", MixedModel({scene(6), scene(3)}));
   for (const std::string channel : {"depth", "alpha"}) {
-    run_ok(folder, "m.ply --path spiral --path-frames 3 --size 64x64 --video v.avi --channels " + channel);
+    run_ok(folder, "m.ply --path spiral --path-frames 3 --size 64x64 --video v.avi --overwrite --channels " +
+                       channel);
     const Video video(folder / "v.avi");
     REQUIRE(video.frames.size() == 3);
     CHECK(test::image_difference(video.frames[0], video.frames[1]) > 1);

@@ -189,6 +189,7 @@ def rendered(folder, model, channel="rgb"):
         channel,
         "--out",
         out,
+        "--overwrite",
     )
     return [np.load(path) for path in sorted(out.glob("*.npy"))]
 

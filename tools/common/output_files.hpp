@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a command may write, checked before it works: files that exist are replaced only with --overwrite, and
-// never what the command reads.
+// Where a command may write, checked before it works: files that exist are replaced only with --overwrite,
+// and never what the command reads.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -18,8 +18,8 @@ using Paths = std::vector<std::filesystem::path>;
 void add_overwrite_option(CLI::App& app, bool& overwrite);
 
 // For files that are written one by one. Throws Error(usage) if one of them is one of the inputs, by whatever
-// name or link, is named twice, or exists and `overwrite` is false; Error(data) if it is not an ordinary file,
-// or if nothing can be written to its folder. Empty paths are left out.
+// name or link, is named twice, or exists and `overwrite` is false; Error(data) if it is not an ordinary
+// file, or if nothing can be written to its folder. Empty paths are left out.
 void check_output_files(const Paths& files, const Paths& inputs, bool overwrite);
 
 // The part of it that is about the files themselves.
@@ -32,8 +32,8 @@ void check_apart(const std::filesystem::path& folder, const Paths& data);
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
 
 // For files of known `names` in a folder: check_apart(), then the first part of check_output_files() with the
-// data as inputs, then the folder itself: made if it is missing, and locked against other processes. Null for an
-// empty path.
+// data as inputs, then the folder itself: made if it is missing, and locked against other processes. Null for
+// an empty path.
 std::unique_ptr<FolderLock> take_folder(const std::filesystem::path& folder, const Paths& names,
                                         const Paths& data, bool overwrite);
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
-// metrics.json, renders/, and cameras/ of a run that refines them. Files other than the log appear whole or not
-// at all. With --overwrite a run replaces files of these names, and removes the renders that the metrics.json
-// of an earlier run lists; it touches nothing else.
+// metrics.json, renders/, and cameras/ of a run that refines them. Files other than the log appear whole or
+// not at all. With --overwrite a run replaces files of these names, and removes the renders that the
+// metrics.json of an earlier run lists; it touches nothing else.
 #pragma once
 
 #include <filesystem>
