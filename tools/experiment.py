@@ -636,16 +636,16 @@ class Runner:
 
     def evaluate(self, job, folder, lpips):
         """Measures the frame rate, and LPIPS if wanted, with `ubs eval`; returns why that failed."""
-        log, out = folder / "measure.log", folder / "eval-new.json"
-        arguments = ["eval", "--model", str(folder / "model.ply"), "--data", str(job.data), "--out", str(out), "--spec",
-                     str(folder / "config.yaml"), "--fps-views", str(self.options.fps_views), *self.device]
+        log = folder / "measure.log"
+        arguments = ["eval", "--model", str(folder / "model.ply"), "--data", str(job.data), "--out",
+                     str(folder / "eval.json"), "--spec", str(folder / "config.yaml"), "--fps-views",
+                     str(self.options.fps_views), "--overwrite", *self.device]
         if lpips:
             arguments += ["--lpips", "vgg", "--lpips-range", "unit", "--lpips-weights", str(self.weights)]
         code, output = self.run_logged(arguments, log)
-        if code == 0:
-            os.replace(out, folder / "eval.json")
-            return ""
-        return "interrupted; --resume measures it" if interrupt.requested else reason_of(code, output, f"; see {log}")
+        if code != 0 and interrupt.requested:
+            return "interrupted; --resume measures it"
+        return reason_of(code, output, f"; see {log}") if code != 0 else ""
 
     def measure(self, job, result):
         """Adds what training does not measure. If that fails, the run stays without it."""
