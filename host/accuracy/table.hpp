@@ -10,11 +10,11 @@
 
 namespace ubs::accuracy {
 
-// A row a form; for each stage its typical error, of the quantity that has the largest, and its time in ms.
+// One row per form. For each stage it has the typical error of the worst quantity, and the time in ms.
 std::string table_header();
 std::string table_row(const Result& result);
 
-// A row a form, stage and quantity.
+// One row per form, stage and quantity.
 std::string table_csv(std::span<const Result> results);
 nlohmann::ordered_json table_json(std::span<const Result> results);
 

@@ -56,7 +56,7 @@ std::string command_text(const std::vector<std::string>& arguments) {
   return fmt::format("$ {}\n", fmt::join(words, " "));
 }
 
-// Nothing is lost that cannot be done without when this fails.
+// Failures are ignored: the log is for people, and no result depends on it.
 void sync(const std::filesystem::path& log) {
   const int file = open(log.c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return;

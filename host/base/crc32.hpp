@@ -11,7 +11,7 @@ namespace ubs {
 
 // Of `bytes` behind what `before` is the CRC-32 of (0 for nothing).
 std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t before = 0);
-// Of two pieces behind each other, the second of `second_bytes`, from the CRC-32 of each.
+// The CRC-32 of two pieces, one directly after the other, from that of each; the second has `second_bytes`.
 std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::uint64_t second_bytes);
 
 }  // namespace ubs

@@ -54,7 +54,7 @@ class AtomicFile {
 
   // For encoders that take a name, and for parts of the file that other processes write.
   const std::filesystem::path& temporary() const { return temporary_; }
-  // Goes on behind `bytes` that others write into temporary() (PartOfFile).
+  // Leaves room for `bytes` that another process writes into temporary() (PartOfFile).
   void skip(std::uint64_t bytes);
 
  private:

@@ -34,7 +34,7 @@ struct LoadedModel {
 // The one way from a file to a model.
 LoadedModel load_splat_model(const std::filesystem::path& path);
 
-// What reading dropped and noticed, in words.
+// What reading the file dropped, and other remarks, for messages.
 std::vector<std::string> read_remarks(const ImportedSplats& splats);
 
 }  // namespace ubs

@@ -186,7 +186,7 @@ std::uint32_t add_camera(std::uint32_t crc, const Camera& c) {
   return crc32(std::as_bytes(std::span(c.extra)), crc);
 }
 
-// The file with the CRC-32 of all that is in it.
+// An AtomicFile that ends with the CRC-32 of its content.
 class CheckedFile {
  public:
   explicit CheckedFile(const std::filesystem::path& path) : file_(path) {}
@@ -198,13 +198,12 @@ class CheckedFile {
     size_ += bytes.size();
   }
   void write_word(std::uint32_t value) { write(std::array{value}); }
-  // What another rank writes there.
+  // Leaves room for what another rank writes, with this CRC-32.
   void skip(std::uint64_t bytes, std::uint32_t crc) {
     file_.skip(bytes);
     crc_ = crc32_joined(crc_, crc, bytes);
     size_ += bytes;
   }
-  // With the CRC-32 at the end.
   void commit() {
     write_word(crc_);
     file_.commit();

@@ -22,7 +22,8 @@ void add_overwrite_option(CLI::App& app, bool& overwrite);
 // file, or if nothing can be written to its folder. Empty paths are left out.
 void check_output_files(const Paths& files, const Paths& inputs, bool overwrite);
 
-// The part of it that is about the files themselves.
+// Only the last of these checks: Error(usage) for files that exist, Error(data) for what is not an ordinary
+// file.
 void check_free(const Paths& files, bool overwrite);
 
 // Throws Error(usage) if the folder is one of the `data` or holds it, or is a folder inside it that loaders
@@ -31,9 +32,9 @@ void check_apart(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);
 
-// For files of known `names` in a folder: check_apart(), then the first part of check_output_files() with the
-// data as inputs, then the folder itself: made if it is missing, and locked against other processes. Null for
-// an empty path.
+// For files of known `names` in a folder. Calls check_apart() and checks the files as check_output_files()
+// does, with the data as inputs. Then makes the folder if it is missing, and locks it against other
+// processes. Returns null for an empty path.
 std::unique_ptr<FolderLock> take_folder(const std::filesystem::path& folder, const Paths& names,
                                         const Paths& data, bool overwrite);
 
