@@ -8,7 +8,7 @@ include(CMakePackageConfigHelpers)
 
 # The static library: all archives of ours in one file. What it needs besides stands in the packages by name. Not with
 # CUDA, whose device code would have to be linked by every user.
-set(static_parts ubs_facade ubs_run ubs_check ubs_accuracy ubs_oracle ubs_lab ubs_look ubs_devices ubs_io ubs_core)
+set(static_parts ubs_facade ubs_run ubs_check ubs_accuracy ubs_oracle ubs_bench ubs_reduce ubs_look ubs_devices ubs_io ubs_core)
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)
 endif()
@@ -45,7 +45,7 @@ if(UBS_OPENCV)
 endif()
 install(EXPORT ubs-targets NAMESPACE ubs:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/ubs COMPONENT development)
 install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT development)
-install(TARGETS ubs RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+install(TARGETS ubs ubs-lab RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
 include(Sbom)
 install(FILES ${UBS_SBOM} DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
 # Manual pages, made of the help if help2man is there.
@@ -53,9 +53,11 @@ find_program(HELP2MAN help2man)
 if(HELP2MAN AND NOT CMAKE_CROSSCOMPILING)
   set(manual ${PROJECT_BINARY_DIR}/manual)
   add_custom_command(OUTPUT ${manual}/man1/ubs.1
-                     COMMAND ${CMAKE_COMMAND} -DUBS=$<TARGET_FILE:ubs> -DHELP2MAN=${HELP2MAN} -DFOLDER=${manual}/man1
-                             -P ${PROJECT_SOURCE_DIR}/cmake/manual.cmake
-                     DEPENDS ubs cmake/manual.cmake VERBATIM)
+                     COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:ubs> "-DTITLE=Universal Beta Splatting"
+                             -DHELP2MAN=${HELP2MAN} -DFOLDER=${manual}/man1 -P ${PROJECT_SOURCE_DIR}/cmake/manual.cmake
+                     COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:ubs-lab> "-DTITLE=measurements of Universal Beta Splatting"
+                             -DHELP2MAN=${HELP2MAN} -DFOLDER=${manual}/man1 -P ${PROJECT_SOURCE_DIR}/cmake/manual.cmake
+                     DEPENDS ubs ubs-lab cmake/manual.cmake VERBATIM)
   add_custom_target(ubs_manual ALL DEPENDS ${manual}/man1/ubs.1)
   install(DIRECTORY ${manual}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR} COMPONENT tools)
 endif()

@@ -2,7 +2,7 @@
 # executable, the device tests, tools/gpu_check.sh and the libraries they need beyond libc and the C++ runtime
 # (DIR/bin, DIR/lib, found through RPATH $ORIGIN/../lib, which unlike RUNPATH also holds for what the libraries load).
 # Drivers stay the target machine's own.
-set(portable ubs)
+set(portable ubs ubs-lab)
 if(UBS_TESTS)
   list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations
        test_reduce)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Times gsplat (PyPI, CUDA) on a 3DGS file and the training cameras of a NeRF Synthetic folder, to compare with
-`ubs bench --model` of the same model and data on the same card.
+`ubs-lab bench --model` of the same model and data on the same card.
 
   ubs convert RUN model.ply --to 3dgs
   bench_gsplat.py model.ply LEGO --size 400

@@ -1,20 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The subcommands of the executable. Each add_* declares options and help on `root` and returns what to run
-// once the command line has been parsed; the result of run() is the exit code.
+// The subcommands of `ubs`. Each function declares one with its options.
 #pragma once
 
-#include <functional>
-
-namespace CLI {
-class App;
-}
+#include "tools/common/program.hpp"
 
 namespace ubs::tools {
-
-struct Command {
-  CLI::App* app;
-  std::function<int()> run;
-};
 
 Command add_train(CLI::App& root);
 Command add_plan(CLI::App& root);
@@ -27,13 +17,7 @@ Command add_convert(CLI::App& root);
 Command add_info(CLI::App& root);
 Command add_synth(CLI::App& root);
 Command add_pack(CLI::App& root);
-Command add_gradients(CLI::App& root);
-Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
-Command add_bench(CLI::App& root);
-Command add_stress(CLI::App& root);
-Command add_tune(CLI::App& root);
-Command add_accuracy(CLI::App& root);
 Command add_cameras(CLI::App& root);
 Command add_report(CLI::App& root);
 Command add_web(CLI::App& root);

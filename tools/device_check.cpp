@@ -77,8 +77,7 @@ class Checker {
       forms.push_back({{"form", form}, {"stages", std::move(list)}});
     }
     const double seconds = watch.seconds();
-    if (!json_)
-      say(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
+    if (!json_) say(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
     devices_.push_back({{"device", device_json(device->info())},
                         {"right", right},
                         {"seconds", seconds},

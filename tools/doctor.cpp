@@ -16,10 +16,8 @@
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
-#include "host/bench/training_bench.hpp"
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
-#include "host/stress/campaign.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -31,15 +29,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kSplats = 20'000;  // of the step that is timed, in pictures of kSize x kSize
-constexpr int kSize = 400, kDim = 6;
+constexpr int kDim = 6;
 constexpr double kFewFree = 2.0;  // GiB
-constexpr std::uint64_t kSeed = 1;
 
 class Doctor {
  public:
-  Doctor(const std::vector<std::string>& names, std::uint64_t cases, bool json)
-      : names_(names), cases_(cases), as_json_(json) {}
+  Doctor(const std::vector<std::string>& names, bool json) : names_(names), as_json_(json) {}
 
   int run() {
     versions();
@@ -98,7 +93,7 @@ class Doctor {
     json_["load"] = load[0];
     if (load[0] > 1.5 * std::thread::hardware_concurrency())
       trouble(0, fmt::format("other programs keep the processors busy (load {:.1f})", load[0]),
-              "times above are too long; wait for them or stop them");
+              "training takes longer; wait for them or stop them");
   }
 
   void memory() {
@@ -133,7 +128,7 @@ class Doctor {
     json_["folders"] = Json::array();
     folder("compiled kernels", kernel_cache_folder(),
            "every start compiles for seconds; set UBS_KERNEL_CACHE to a folder that can be written");
-    folder("results of ubs tune", cache_folder("UBS_TUNING_DIR"),
+    folder("results of ubs-lab tune", cache_folder("UBS_TUNING_DIR"),
            "set UBS_TUNING_DIR to a folder that can be written");
     folder("temporary files", temporary_folder(), "set TMPDIR to a folder that can be written");
   }
@@ -145,11 +140,7 @@ class Doctor {
          gib(info.max_allocation_bytes));
     try {
       const std::unique_ptr<Device> device = open_device(index);
-      if (conforms(*device, entry)) {
-        stress(*device, entry);
-        speed(*device, entry);
-        ++working_;
-      }
+      if (conforms(*device, entry)) ++working_;
     } catch (const Error& error) {
       entry["error"] = error.what();
       line("  error    {}", error.what());
@@ -178,28 +169,6 @@ class Doctor {
     return !bad;
   }
 
-  void stress(Device& device, Json& entry) {
-    stress::DeviceRunner runner(device, raster_kind("auto", device.info()));
-    const stress::CampaignReport report =
-        stress::run_campaign(runner, {.seed = kSeed, .first = 0, .cases = cases_});
-    entry["stress"] = {{"cases", report.cases}, {"failed", report.failed}};
-    line("  stress   {} random cases, {} failed", report.cases, report.failed);
-    if (report.failed > 0)
-      wrong(fmt::format("{} of {} random cases fail (ubs stress --seed {} --cases {})", report.failed,
-                        report.cases, kSeed, cases_),
-            device.info());
-  }
-
-  void speed(Device& device, Json& entry) {
-    const bench::BenchScene scene = bench::synthetic_object(kDim, kSplats, kSize, kSize);
-    bench::IterationOptions options{.raster = raster_kind("auto", device.info())};
-    options.limits = {.min_seconds = 0.5, .max_seconds = 3};
-    const double ms = bench::measure_iterations(device, scene, options).time.wall_ms.median;
-    entry["step_ms"] = ms;
-    line("  speed    {:.1f} ms a step of training ({} splats, {}x{}): 30000 steps of it take {}", ms, kSplats,
-         kSize, kSize, duration_text(30 * ms));
-  }
-
   void verdict() {
     if (working_ == 0 && code_ == 0) code_ = first_failure_ ? first_failure_ : exit_code(ErrorKind::device);
     const std::string text = code_ != 0          ? "something must be mended before results can be trusted"
@@ -215,7 +184,6 @@ class Doctor {
   }
 
   const std::vector<std::string>& names_;
-  std::uint64_t cases_;
   bool as_json_;
   Json json_ = Json::object();
   Json problems_ = Json::array();
@@ -224,8 +192,6 @@ class Doctor {
 
 }  // namespace
 
-int diagnose(const std::vector<std::string>& devices, std::uint64_t cases, bool json) {
-  return Doctor(devices, cases, json).run();
-}
+int diagnose(const std::vector<std::string>& devices, bool json) { return Doctor(devices, json).run(); }
 
 }  // namespace ubs::tools

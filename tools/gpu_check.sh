@@ -4,7 +4,7 @@
 # computes correctly: device list, `ubs devices --check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
 # short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
 # The second phase measures: tuning, a short and a long training, frames a second, times by stage, CUDA against OpenCL.
-# What `ubs tune` finds is used by all later steps (docs/tuning.md) except where a step says "untuned".
+# What `ubs-lab tune` finds is used by all later steps (docs/tuning.md) except where a step says "untuned".
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
 # GPU_CHECK_PHASE=right or fast runs one of them; both together take nine minutes.
 # DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
@@ -89,9 +89,9 @@ else
   step build 300 bash -c build
   reserve=$(((limit - SECONDS) * 55 / 100))
   bin=$work/build tests=$work/build/tests
-  [ -x "$bin/ubs" ] || { cat "$summary"; exit 1; }
+  [ -x "$bin/ubs-lab" ] || { cat "$summary"; exit 1; }
 fi
-ubs=$bin/ubs
+ubs=$bin/ubs lab=$bin/ubs-lab
 
 # The card's OpenCL view needs an ICD file, which containers often lack.
 if [ ! -e /etc/OpenCL/vendors/nvidia.icd ] && [ -z "${OCL_ICD_VENDORS:-}" ]; then
@@ -169,12 +169,12 @@ step "same bytes" 10 cmp "$work/first/model.ply" "$work/second/model.ply"
 if [ "$phase" = right ]; then
   end
 fi
-step "tune $device" 55 "$ubs" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
+step "tune $device" 55 "$lab" tune --device "$device" --size "800x800/${GPU_CHECK_SCENE:-300K}" --max-time 40 \
   --json "$out/tune.json" --overwrite
 [ -e "$out/tune.json" ] && cp "$work/log" "$out/tune.txt"
 case $device in
   cuda*)
-    untuned=(env UBS_TUNING=off "$ubs")
+    untuned=(env UBS_TUNING=off "$lab")
     step "train $briefly tuned" 60 "$ubs" train "${short[@]}" --out "$work/tuned"
     step "same bytes as untuned" 10 cmp "$work/first/model.ply" "$work/tuned/model.ply" ;;
 esac
@@ -209,7 +209,7 @@ if [ -e "$model" ]; then
   scenes="$scenes|^($changed)[.]model[.]"
 fi
 reserve=$((limit * 5 / 100))
-bench=("$ubs" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}" "${with_model[@]}")
+bench=("$lab" bench --run "$scenes" --min-time 0.2 --max-time 0.5 "${with_garden[@]}" "${with_model[@]}")
 step "bench $device" 75 "${bench[@]}" --device "$device" --json "$out/bench.json" --overwrite
 case $device in
   cuda*)
@@ -218,7 +218,7 @@ case $device in
       --max-time 0.5 "${with_garden[@]}" "${with_model[@]}" --device "$device" --json "$out/bench_untuned.json" --overwrite ;;
 esac
 [ "$has_opencl" = yes ] && step "bench opencl:gpu" 60 "${bench[@]}" --device opencl:gpu --json "$out/bench_opencl.json" --overwrite
-compare=("$ubs" compare --devices "$devices" --model "$model" --data "$data")
+compare=("$lab" compare --devices "$devices" --model "$model" --data "$data")
 step compare 45 "${compare[@]}" --repeat "${GPU_CHECK_REPEAT:-100}" --out "$work/compare"
 cp "$work/compare/"compare.* "$out" 2>/dev/null
 reserve=0

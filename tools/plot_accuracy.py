@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the table of `ubs accuracy`, error against time, with matplotlib.
+"""Draws the table of `ubs-lab accuracy`, error against time, with matplotlib.
 
-  ubs accuracy --out accuracy
+  ubs-lab accuracy --out accuracy
   tools/plot_accuracy.py accuracy/accuracy.csv accuracy.png
 
 Left: error of the image and time of the forward pass. Right: error of the gradient (of the parameter group that has the

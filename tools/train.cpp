@@ -22,6 +22,7 @@
 #include "host/train/shared_splats.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/commands.hpp"
+#include "tools/common/help.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
@@ -34,7 +35,6 @@
 #include "tools/common/run_folder.hpp"
 #include "tools/common/run_keeper.hpp"
 #include "tools/common/serve_options.hpp"
-#include "tools/help.hpp"
 #include "tools/train_report.hpp"
 #include "tools/train_start.hpp"
 

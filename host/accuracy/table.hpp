@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of `ubs accuracy`, error beside time, as text, CSV and JSON.
+// The table of `ubs-lab accuracy`, error beside time, as text, CSV and JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>

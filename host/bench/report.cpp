@@ -107,7 +107,7 @@ std::vector<BaselineEntry> read_baseline(const Json& json, const std::string& or
                            result.at("minimum_ms"), result.at("uncertainty")});
       }
   } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: not a file written by 'ubs bench --json'", origin);
+    fail(ErrorKind::data, "{}: not a file written by 'ubs-lab bench --json'", origin);
   }
   return entries;
 }

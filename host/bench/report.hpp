@@ -24,7 +24,7 @@ struct BaselineEntry {
   int dim = 0;
   double median_ms = 0, minimum_ms = 0, uncertainty = 0;
 };
-// The "devices" of a file written by `ubs bench --json`. Throws Error(data) naming `origin`.
+// The "devices" of a file written by `ubs-lab bench --json`. Throws Error(data) naming `origin`.
 std::vector<BaselineEntry> read_baseline(const nlohmann::ordered_json& json, const std::string& origin);
 
 struct Comparison {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs tune` times on a device: the stages of a training step of a scene, and whole iterations.
+// What `ubs-lab tune` times on a device: the stages of a training step of a scene, and whole iterations.
 #pragma once
 
 #include "host/bench/bench_scene.hpp"

@@ -34,7 +34,7 @@ struct DeviceInfo {
   std::string pci;  // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
   std::string
       subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
-  // Kernel constants that are not at their defaults on this device, by macro (`ubs tune`): part of what
+  // Kernel constants that are not at their defaults on this device, by macro (`ubs-lab tune`): part of what
   // results depend on.
   std::map<std::string, unsigned> tuning;
 };

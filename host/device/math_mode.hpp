@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cheaper arithmetic than float32 throughout. Each mode is a specialisation of the kernels: at `exact` they
 // are what they are without it, bit for bit. What it costs in accuracy and saves in time is measured by
-// `ubs accuracy` (docs/accuracy.md).
+// `ubs-lab accuracy` (docs/accuracy.md).
 #pragma once
 
 namespace ubs {

@@ -87,7 +87,7 @@ TuningValues stored_tuning(const DeviceInfo& device, TunedTable table) {
     return values;
   }
   if (const std::string why = defect(json, device); !why.empty()) {
-    warn_once(fmt::format("{}: tuning file ignored, {}; 'ubs tune' makes a new one", file.string(), why));
+    warn_once(fmt::format("{}: tuning file ignored, {}; 'ubs-lab tune' makes a new one", file.string(), why));
     return values;
   }
   for (const auto& [macro, value] : json["values"].items()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Constants of kernels and structures of a back end whose best value depends on the device: what the tables
-// of the back ends say about them, and the file a device that remembers what `ubs tune` found there. Results
+// of the back ends say about them, and the file a device that remembers what `ubs-lab tune` found there. Results
 // depend on build, device and tuning.
 #pragma once
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small data set of the executable, which UBS_EXECUTABLE names."""
+"""A small data set of `ubs`. UBS_EXECUTABLE and UBS_LAB_EXECUTABLE are the paths of `ubs` and `ubs-lab`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ os.environ.setdefault("UBS_CHECK", "off")
 os.environ["UBS_TUNING"] = "off"
 
 
-def run_ubs(*arguments: object) -> None:
-    subprocess.run([os.environ["UBS_EXECUTABLE"], *map(str, arguments)], check=True, capture_output=True)
+def run_ubs(*arguments: object, program: str = "UBS_EXECUTABLE") -> None:
+    subprocess.run([os.environ[program], *map(str, arguments)], check=True, capture_output=True)
 
 
 @pytest.fixture(scope="session")

@@ -75,7 +75,7 @@ def test_pictures_and_gradients_are_those_of_the_executable(
         room = np.full_like(image.rgb, 9)
         assert model.render(view.camera, out=room) is room and np.array_equal(room, image.rgb)
         assert image.rgb.std() > 0.01
-    run_ubs("gradients", "--view", 1, "--out", tmp_path / "gradient.ply", *common)
+    run_ubs("gradients", "--view", 1, "--out", tmp_path / "gradient.ply", *common, program="UBS_LAB_EXECUTABLE")
     expected = ubs.Model.load(tmp_path / "gradient.ply").parameters
     found, gradient = ubs.loss(model, data.test[1].camera, data.test[1].image)
     assert found.loss == pytest.approx(0.8 * found.l1 + 0.2 * (1 - found.ssim), rel=1e-6)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy as a process: files, how a model is drawn, refusals.
+// ubs-lab accuracy as a process: files, how a model is drawn, refusals.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>

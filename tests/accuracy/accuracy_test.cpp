@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs accuracy` that need no device: norms, configurations, the table.
+// The parts of `ubs-lab accuracy` that need no device: norms, configurations, the table.
 #include <catch2/catch.hpp>
 #include <limits>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs bench as a process: names, selection, files, comparison and its exit code.
+// ubs-lab bench as a process: names, selection, files, comparison and its exit code.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -90,7 +90,7 @@ TEST_CASE("bench: an interrupted run saves what it has and exits with 130") {
                   "--json a.json >out & pid=$!\n"
                   "for i in $(seq 6000); do grep -q ^iteration out && break; sleep 0.1; done\n"
                   "kill -INT $pid; wait $pid; echo $? >code\n",
-                  UBS_EXECUTABLE));
+                  UBS_LAB_EXECUTABLE));
   REQUIRE(std::system(fmt::format("cd '{}' && bash -m run.sh 2>/dev/null", folder.path().string()).c_str()) ==
           0);
   CHECK(get(folder / "code") == "130\n");

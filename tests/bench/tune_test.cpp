@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs tune` chooses, from given times: a constant's times do not depend on the others'.
+// What `ubs-lab tune` chooses, from given times: a constant's times do not depend on the others'.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <map>

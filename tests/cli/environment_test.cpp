@@ -22,6 +22,7 @@ using test::check_error;
 using test::ended_by;
 using test::get;
 using test::put;
+using test::program_of;
 using test::Result;
 using test::run_command;
 using test::run_ubs;
@@ -31,7 +32,7 @@ using test::ubs_ok;
 // `variables` in the place of what the test was started with.
 std::string with_cache(const std::string& variables, const std::string& arguments) {
   return fmt::format("env -u POCL_CACHE_DIR -u UBS_KERNEL_CACHE -u XDG_CACHE_HOME TMPDIR=$PWD {} '{}' {}",
-                     variables, UBS_EXECUTABLE, arguments);
+                     variables, program_of(arguments), arguments);
 }
 
 std::size_t lines(const std::string& text) {
@@ -137,15 +138,15 @@ TEST_CASE("what cannot be written to stdout is an error of every command") {
   for (const std::string& arguments :
        {std::string("--help"), std::string("--version"), std::string("train --help"), std::string("devices"),
         std::string("devices --json"), std::string("info before/model.ply"), std::string("info data --json"),
-        std::string("stress --list"), std::string("metrics before/renders before/renders"), "plan " + data,
+        std::string("bench --list"), std::string("metrics before/renders before/renders"), "plan " + data,
         "plan --json " + data, std::string("eval --model before/model.ply --data data"),
         std::string("convert before/model.ply copy.ply"), std::string("pack data --out copy.ubsd"),
         "train --out run " + data, "train --out run2 --json " + data}) {
     const Result result =
-        run_command(folder, fmt::format("sh -c \"'{}' {} >/dev/full\"", UBS_EXECUTABLE, arguments));
+        run_command(folder, fmt::format("sh -c \"'{}' {} >/dev/full\"", program_of(arguments), arguments));
     INFO(arguments << "\n" << result.err);
     CHECK(result.code == 3);
-    CHECK(result.err.find("ubs: error: standard output cannot be written: No space left on device\n") !=
+    CHECK(result.err.find(": error: standard output cannot be written: No space left on device\n") !=
           std::string::npos);
   }
   // Commands that write files have written them all the same.
@@ -166,7 +167,7 @@ TEST_CASE("a reader that goes away ends a command that prints, quietly, and no t
     CHECK(result.code == 0);
     return std::stoi(get(folder / "code.txt"));
   };
-  CHECK(into_closed_pipe(fmt::format("'{}' stress --list", UBS_EXECUTABLE)) == 3);
+  CHECK(into_closed_pipe(fmt::format("'{}' bench --list", UBS_LAB_EXECUTABLE)) == 3);
   CHECK(get(folder / "err.txt").empty());
   CHECK(into_closed_pipe(fmt::format("'{}' --help", UBS_EXECUTABLE)) == 3);
   CHECK(get(folder / "err.txt").empty());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs pack and ubs compare as a user meets them: a packed set trains to the same model as its folder, and
+// ubs pack and ubs-lab compare as a user meets them: a packed set trains to the same model as its folder, and
 // devices are compared with each other.
 #include <catch2/catch.hpp>
 #include <cstdlib>

@@ -82,7 +82,7 @@ class Campaign {
   }
 
   std::string command_line(const std::string& arguments) const {
-    return fmt::format("env {} '{}' {}", scenario_.environment, UBS_EXECUTABLE, arguments);
+    return fmt::format("env {} '{}' {}", scenario_.environment, program_of(arguments), arguments);
   }
 
   TracedRun traced(const std::optional<Fault>& fault) {

@@ -96,7 +96,7 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
   fs::create_directory(folder / "o");
   for (const char* command : commands) {
     const TracedRun run = trace_command(
-        folder, fmt::format("env UBS_TUNING_DIR=o/tuning '{}' {}", UBS_EXECUTABLE, command), folder / "o");
+        folder, fmt::format("env UBS_TUNING_DIR=o/tuning '{}' {}", program_of(command), command), folder / "o");
     INFO(command << "\n" << run.err << "\n" << to_text(run.calls));
     CHECK(run.code == 0);
     CHECK(defect(run) == "");

@@ -85,7 +85,7 @@ TracedRun trace_command(const TempFolder& folder, const std::string& command,
 inline TracedRun trace_ubs(const TempFolder& folder, const std::string& arguments,
                            const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                            int limit_seconds = 120, unsigned seen = all_calls) {
-  return trace_command(folder, fmt::format("'{}' {}", UBS_EXECUTABLE, arguments), watched, fault,
+  return trace_command(folder, fmt::format("'{}' {}", program_of(arguments), arguments), watched, fault,
                        limit_seconds, seen);
 }
 

@@ -52,7 +52,7 @@ std::string output_of(const std::string& command) {
 }
 
 void run_ubs(const std::string& arguments) {
-  output_of(std::string(UBS_EXECUTABLE) + " " + arguments + " 2>&1");
+  output_of(ubs::test::program_of(arguments) + " " + arguments + " 2>&1");
 }
 
 // A small data set of the executable, made once.

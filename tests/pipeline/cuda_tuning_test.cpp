@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ubs tune` on CUDA devices: every candidate gives the results of the defaults, what is found is applied,
+// `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, what is found is applied,
 // stored and found again.
 #include <algorithm>
 #include <catch2/catch.hpp>

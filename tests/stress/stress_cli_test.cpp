@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs stress as a user meets it.
+// ubs-lab stress as a user meets it.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -34,7 +34,7 @@ TEST_CASE("a stress run leaves a table, JSON and a page", "[cli][stress]") {
   CHECK(get(folder / "o/stress.md").find("| 01.near_plane |") != std::string::npos);
 }
 
-TEST_CASE("ubs stress lists its rows, and refuses what it does not know", "[cli][stress]") {
+TEST_CASE("ubs-lab stress lists its rows, and refuses what it does not know", "[cli][stress]") {
   const TempFolder folder;
   ubs_ok(folder, "stress --list");
   CHECK(get(folder / "stdout.txt").find("25.loss") != std::string::npos);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: the executable as a user meets it, started as a process in a folder and judged by exit code
-// and output. For targets that are compiled with UBS_EXECUTABLE, the path of `ubs`.
+// Test support: `ubs` and `ubs-lab` as a user meets them, started as processes in a folder and judged by exit
+// code and output. `arguments` begin with the subcommand, which says the program.
 #pragma once
 
 #include <sys/wait.h>
@@ -15,6 +15,7 @@
 #include <string>
 #include <thread>
 
+#include "tests/support/programs.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::test {
@@ -35,7 +36,7 @@ inline Result run_command(const TempFolder& folder, const std::string& command) 
 }
 
 inline Result run_ubs(const TempFolder& folder, const std::string& arguments) {
-  return run_command(folder, fmt::format("'{}' {}", UBS_EXECUTABLE, arguments));
+  return run_command(folder, fmt::format("'{}' {}", program_of(arguments), arguments));
 }
 
 // As run_ubs; the test ends when the exit code is not 0.
@@ -64,7 +65,7 @@ inline int ended_by(const TempFolder& folder, const std::string& arguments, int 
   using Clock = std::chrono::steady_clock;
   std::filesystem::remove(folder / "err.txt");
   const std::string command =
-      fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, UBS_EXECUTABLE, arguments);
+      fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, program_of(arguments), arguments);
   const pid_t child = ::fork();
   if (child == 0) {
     for (const int number : {SIGINT, SIGTERM, SIGHUP}) std::signal(number, SIG_DFL);
@@ -88,8 +89,7 @@ inline void check_error(const TempFolder& folder, const std::string& arguments, 
   const Result result = run_ubs(folder, arguments);
   INFO("ubs " << arguments << "\n" << result.err);
   CHECK(result.code == code);
-  CHECK(result.err.starts_with("ubs: error: "));
-  CHECK(std::count(result.err.begin(), result.err.end(), '\n') == 1);
+  CHECK_THAT(result.err, Catch::Matchers::Matches("ubs(-lab)?: error: [^\n]*\n"));
   CHECK(result.err.find(part) != std::string::npos);
   CHECK(result.out.empty());
 }

@@ -4,7 +4,7 @@
 #include <cstdlib>
 
 #include "host/base/error.hpp"
-#include "tools/help.hpp"
+#include "tools/common/help.hpp"
 
 namespace ubs::tools {
 

@@ -9,7 +9,7 @@
 
 #include "host/base/error.hpp"
 #include "host/spec/settings.hpp"
-#include "tools/help.hpp"
+#include "tools/common/help.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -16,6 +16,8 @@ std::string commit() {
   return file >> text ? text : "unknown";
 }
 
-std::string version_line() { return fmt::format("ubs {} (build {})", version(), build_id()); }
+std::string version_line(std::string_view program) {
+  return fmt::format("{} {} (build {})", program, version(), build_id());
+}
 
 }  // namespace ubs::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/bench_data.hpp"
+#include "tools/lab/bench_data.hpp"
 
 #include "host/base/error.hpp"
 #include "host/data/splat_file.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs tune: finds the fastest values of a device's tuned constants and stores them for later runs.
+// ubs-lab tune: finds the fastest values of a device's tuned constants and stores them for later runs.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -11,14 +11,14 @@
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
 #include "host/run/proved_device.hpp"
-#include "tools/bench_data.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
+#include "tools/lab/bench_data.hpp"
+#include "tools/lab/commands.hpp"
 
 namespace ubs::tools {
 namespace {

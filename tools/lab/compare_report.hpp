@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs compare` measures of one device, and its forms: table, JSON, CSV, page.
+// What `ubs-lab compare` measures of one device, and its forms: table, JSON, CSV, page.
 #pragma once
 
 #include <map>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs compare: the same model and view on several devices: do they agree, and how fast is each. With
+// ubs-lab compare: the same model and view on several devices: do they agree, and how fast is each. With
 // --train-iterations also a short training on each.
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -20,11 +20,11 @@
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/compare_report.hpp"
+#include "tools/lab/commands.hpp"
+#include "tools/lab/compare_report.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -219,7 +219,7 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
 Inputs load_inputs(const CompareOptions& options) {
   LoadedModel loaded = open_model(options.model);
   Inputs in{drawing_settings(options.settings, loaded, options.model, options.run),
-            loaded.model.single("ubs compare"),
+            loaded.model.single("ubs-lab compare"),
             {},
             {}};
   in.split = open_split_for(loaded.offset, options.data, options.split, in.settings, Images::load,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs bench: times every stage, whole iterations and rendering on one or several devices, as a table and as
-// JSON, and compares with an earlier run.
+// ubs-lab bench: times every stage, whole iterations and rendering on one or several devices, as a table and
+// as JSON, and compares with an earlier run.
 #include <CLI/CLI.hpp>
 #include <memory>
 
@@ -13,8 +13,6 @@
 #include "host/device/registry.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/spec/settings.hpp"
-#include "tools/bench_data.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
@@ -22,6 +20,8 @@
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
+#include "tools/lab/bench_data.hpp"
+#include "tools/lab/commands.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs accuracy: one table of errors against float64 beside times, for forms of the kernels on scenes and
+// ubs-lab accuracy: one table of errors against float64 beside times, for forms of the kernels on scenes and
 // devices.
 #include <CLI/CLI.hpp>
 #include <filesystem>
@@ -11,7 +11,6 @@
 #include "host/bench/runner.hpp"
 #include "host/data/synthetic.hpp"
 #include "host/run/open_data.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
@@ -19,6 +18,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
+#include "tools/lab/commands.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -90,7 +90,7 @@ NamedScene file_scene(const AccuracyOptions& options) {
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   Split split = open_split_for(loaded.offset, data, options.split, settings, Images::load, run.opened);
   require_images(split);
-  const SplatModel& model = loaded.model.single("ubs accuracy");
+  const SplatModel& model = loaded.model.single("ubs-lab accuracy");
   check_query(split, model.dim);
   bench::BenchScene scene{model, std::move(split), {}};
   for (std::size_t c = 0; c < 3; ++c) scene.background[c] = static_cast<float>(settings.background.colour[c]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs bench` measures of the user's own: a model seen by the cameras of a data set of any layout.
+// What `ubs-lab bench` measures of the user's own: a model seen by the cameras of a data set of any layout.
 #pragma once
 
 #include <string>

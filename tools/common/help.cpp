@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/help.hpp"
+#include "tools/common/help.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <utility>
@@ -13,56 +14,18 @@
 namespace ubs::tools {
 namespace {
 
-struct Examples {
-  const char *command, *group, *first, *second;
-};
-
-constexpr const char *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert", *kMeasure = "Measure",
-                     *kDevices = "Devices";
-
-constexpr Examples kExamples[] = {
-    {"cameras", kLearn, "ubs cameras photos", "ubs cameras photos --order sequence"},
-    {"train", kLearn, "ubs train photos", "ubs train photos --out run --budget 10m"},
-    {"plan", kLearn, "ubs plan photos", "ubs plan photos --dim 7 --iterations 10000"},
-    {"reduce", kLearn, "ubs reduce run --out small.ply",
-     "ubs reduce run photos --max-loss-db 0.2 --out small.ply"},
-    {"view", kLook, "ubs view run", "ubs view run photos"},
-    {"render", kLook, "ubs render run --video flight.mp4",
-     "ubs render run photos --split test --out pictures"},
-    {"report", kLook, "ubs report run", "ubs report run other --out both.html"},
-    {"web", kLook, "ubs web run --out model.html", "ubs web run photos --out model.ubsz"},
-    {"eval", kLook, "ubs eval run", "ubs eval scan.ply photos --lpips alex --json"},
-    {"metrics", kLook, "ubs metrics truth.png render.png", "ubs metrics truths renders --out metrics.json"},
-    {"info", kLook, "ubs info run", "ubs info photos --json"},
-    {"convert", kConvert, "ubs convert scan.spz scan.ply --to ubs", "ubs convert run scene.ply --to 3dgs"},
-    {"pack", kConvert, "ubs pack photos --out photos.ubsd", "ubs pack photos --downscale 2 --out half.ubsd"},
-    {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
-    {"bench", kMeasure, "ubs bench --quick", "ubs bench run photos --run iteration"},
-    {"accuracy", kMeasure, "ubs accuracy --out accuracy", "ubs accuracy run photos --out accuracy"},
-    {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
-    {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
-     "ubs gradients run photos --view 3 --split train --out gradients.ply"},
-    {"devices", kDevices, "ubs devices --doctor", "ubs devices --check --device gpu --dim 6"},
-    {"compare", kDevices, "ubs compare --devices cpu,gpu run photos",
-     "ubs compare --devices cpu,cuda run photos --train-iterations 100"},
-    {"tune", kDevices, "ubs tune", "ubs tune --device gpu --max-time 120"},
-};
-
-const Examples* examples_of(const std::string& command) {
-  const auto found = std::ranges::find_if(kExamples, [&](const Examples& e) { return command == e.command; });
-  return found == std::end(kExamples) ? nullptr : &*found;
-}
-
 bool rare(const std::string& group) { return group.starts_with(kRareGroup); }
 
 class HelpFormatter : public CLI::Formatter {
  public:
   HelpFormatter() { column_width(26); }
 
+  void know(const std::string& command, const CommandEntry& entry) { entries_[command] = entry; }
+
   std::string make_usage(const CLI::App* app, std::string name) const override {
     std::string text = CLI::Formatter::make_usage(app, name);
-    if (const Examples* e = examples_of(app->get_name()); e && app->get_parent())
-      text += std::string("\nExamples:\n  ") + e->first + "\n  " + e->second + "\n";
+    if (const CommandEntry* e = entry_of(*app))
+      text += fmt::format("\nExamples:\n  {}\n  {}\n", e->first_example, e->second_example);
     return text;
   }
 
@@ -96,9 +59,9 @@ class HelpFormatter : public CLI::Formatter {
   }
 
   std::string make_subcommand(const CLI::App* sub) const override {
-    const Examples* e = examples_of(sub->get_name());
+    const CommandEntry* e = entry_of(*sub);
     return CLI::Formatter::make_subcommand(sub) +
-           (e ? std::string(column_width_, ' ') + "  " + e->first + "\n" : "");
+           (e ? fmt::format("{:{}}  {}\n", "", column_width_, e->first_example) : "");
   }
 
   std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const override {
@@ -107,12 +70,20 @@ class HelpFormatter : public CLI::Formatter {
     const bool root = !app->get_parent();
     if (!root || mode == CLI::AppFormatMode::All) out << option_groups(app, mode);
     out << make_subcommands(app, CLI::AppFormatMode::Normal);
-    if (root) {
-      out << "\nubs COMMAND --help explains a command, ubs --help-all exit codes and environment.\n";
-    }
+    if (root)
+      out << fmt::format(
+          "\n{0} COMMAND --help explains a command, {0} --help-all exit codes and environment.\n",
+          app->get_name());
     if (mode == CLI::AppFormatMode::All) out << make_footer(app);
     return out.str();
   }
+
+ private:
+  const CommandEntry* entry_of(const CLI::App& app) const {
+    const auto found = entries_.find(app.get_name());
+    return app.get_parent() && found != entries_.end() ? &found->second : nullptr;
+  }
+  std::map<std::string, CommandEntry> entries_;  // by name of the command
 };
 
 }  // namespace
@@ -137,13 +108,9 @@ void prepare_help(CLI::App& root) {
   root.set_help_all_flag("--help-all", "print all options, exit codes and the environment");
 }
 
-void arrange_commands(CLI::App& root) {
-  for (CLI::App* command : root.get_subcommands([](const CLI::App*) { return true; })) {
-    if (command->get_group().empty()) continue;  // not for people
-    const Examples* e = examples_of(command->get_name());
-    if (!e) fail(ErrorKind::internal, "'{}' has no example", command->get_name());
-    command->group(e->group);
-  }
+void explain_command(CLI::App& root, const Command& command, const CommandEntry& entry) {
+  command.app->group(entry.group);
+  dynamic_cast<HelpFormatter&>(*root.get_formatter()).know(command.app->get_name(), entry);
 }
 
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments) {

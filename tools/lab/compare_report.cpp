@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/compare_report.hpp"
+#include "tools/lab/compare_report.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -6,9 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace CLI {
-class App;
-}
+#include "tools/common/program.hpp"
 
 namespace ubs::tools {
 
@@ -17,10 +15,10 @@ inline constexpr const char* kRareGroup = "More settings";
 
 // To be called before subcommands are added, which take over what it sets.
 void prepare_help(CLI::App& root);
-// Once all subcommands are there. A command that the table of examples lacks is an internal error.
-void arrange_commands(CLI::App& root);
+// Puts a subcommand that was added into its group, with its examples.
+void explain_command(CLI::App& root, const Command& command, const CommandEntry& entry);
 
-// "ubs bench".
+// "ubs render".
 std::string full_name(const CLI::App& app);
 // The error message for a word that is not a subcommand, with the nearest one.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs gradients: the loss of one view and its gradient with respect to every raw parameter, written in
+// ubs-lab gradients: the loss of one view and its gradient with respect to every raw parameter, written in
 // the layout of the model file. Without regularisers; for checking us against another implementation.
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -13,10 +13,10 @@
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
+#include "tools/lab/commands.hpp"
 
 namespace ubs::tools {
 namespace {

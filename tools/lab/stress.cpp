@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs stress: stiff and extreme cases and a randomised campaign against float64 on a device; a failing case
-// is shrunk and saved as files that other subcommands read.
+// ubs-lab stress: stiff and extreme cases and a randomised campaign against float64 on a device; a failing
+// case is shrunk and saved as files that other subcommands read.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -16,7 +16,6 @@
 #include "host/base/text.hpp"
 #include "host/stress/campaign.hpp"
 #include "host/stress/report.hpp"
-#include "tools/commands.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/model_session.hpp"
@@ -24,6 +23,7 @@
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/version.hpp"
+#include "tools/lab/commands.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -108,7 +108,8 @@ class StressRun {
     save_case(shrunk.smallest, folder);
     const Case& s = shrunk.smallest;
     const std::string where = shell_word(folder.string());
-    say("  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs stress --replay {}\n",
+    say("  FAILED {} (seed {}): {}\n    shrunk to {} splats, {}x{} pixels: {}\n    ubs-lab stress --replay "
+        "{}\n",
         c.name, c.seed, verdict.problem, s.model.count, s.camera.width, s.camera.height,
         shrunk.verdict.problem, where);
     if (path_exists(folder / "model.ply"))

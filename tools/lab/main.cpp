@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// The executable `ubs-lab`: where this project measures itself, for errors against float64 beside times, for
+// stiff and extreme cases, and for comparing devices and back ends (docs/lab.md).
+#include "tools/lab/commands.hpp"
+
+namespace {
+
+constexpr const char* kExitCodes =
+    "Exit codes: those of ubs, and 8 worse than the baseline (bench), 9 a case failed (stress), 130 "
+    "interrupted\n"
+    "(bench, accuracy and stress keep the results so far).";
+
+using namespace ubs::tools;
+
+constexpr const char *kMeasure = "Measure", *kDevices = "Devices";
+
+constexpr CommandEntry kCommands[] = {
+    {add_accuracy, kMeasure, "ubs-lab accuracy --out accuracy", "ubs-lab accuracy run photos --out accuracy"},
+    {add_stress, kMeasure, "ubs-lab stress", "ubs-lab stress --run random --cases 500"},
+    {add_bench, kMeasure, "ubs-lab bench --quick", "ubs-lab bench run photos --run iteration"},
+    {add_gradients, kMeasure, "ubs-lab gradients run photos --view 0 --out gradients.ply",
+     "ubs-lab gradients run photos --view 3 --split train --out gradients.ply"},
+    {add_compare, kDevices, "ubs-lab compare --devices cpu,gpu run photos",
+     "ubs-lab compare --devices cpu,cuda run photos --train-iterations 100"},
+    {add_tune, kDevices, "ubs-lab tune", "ubs-lab tune --device gpu --max-time 120"},
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const Program program{
+      "ubs-lab", "ubs-lab: measures universal beta splatting: errors beside times, hard cases, devices.",
+      kExitCodes, kCommands};
+  return run_program(program, argc, argv);
+}
