@@ -317,7 +317,7 @@ int run(const TrainOptions& options) {
   Trainer trainer(*device, settings, train_split, test_split, initial, ranks());
   if (device_kinds > 1) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
-    trainer.deal_views(run.views_by_rank);
+    trainer.shared()->deal_views(run.views_by_rank);
   }
   // From the first change of a file to the last. A request that comes behind the last step does not cut the
   // results short.
@@ -347,7 +347,7 @@ int run(const TrainOptions& options) {
     measure_end(trainer, test_split, outcome);
     peak_bytes = device->peak_bytes();
     std::vector<double> differences;
-    if (device_kinds > 1) differences = trainer.picture_differences(0);
+    if (device_kinds > 1) differences = trainer.shared()->picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
     if (ranks().first()) {
       json = run_json(start, *device, peak_bytes, trainer, outcome);

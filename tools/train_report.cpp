@@ -96,8 +96,8 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"test", nullptr}};
   if (const int ranks = trainer.ranks().size(); ranks > 1) {
     json["ranks"] = ranks;
-    json["views_by_rank"] = trainer.deal()->counts();
-    json["bytes_sent_by_first_rank"] = trainer.bytes_sent();
+    json["views_by_rank"] = trainer.shared()->deal().counts();
+    json["bytes_sent_by_first_rank"] = trainer.shared()->bytes_sent();
   }
   if (start.checkpoint) json["resumed_from"] = start.checkpoint->state.iteration;
   if (const auto& evaluation = outcome.evaluation) {

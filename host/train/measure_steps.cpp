@@ -75,8 +75,8 @@ std::vector<StepCost> measure_steps(Device& device, const TrainSettings& setting
     const double each = most > initial.count ? std::max(0.0, many[k] - few[k]) / (end - begin) : 0;
     costs.push_back({levels[k].factor, few[k] - each * begin, each, 0});
   }
-  if (trainer.refines_cameras())
-    for (StepCost& cost : costs) cost.sweep_ms = 1e3 * trainer.sweep_seconds(cost.factor);
+  if (trainer.cameras().refines())
+    for (StepCost& cost : costs) cost.sweep_ms = 1e3 * trainer.cameras().sweep_seconds(cost.factor);
   return costs;
 }
 

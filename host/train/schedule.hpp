@@ -20,7 +20,8 @@ class Schedule {
   // not take away. `extent`: of the scene, of which positions' rates are a share.
   Schedule(TrainSettings settings, std::size_t initial, double extent = 1);
 
-  Schedule with(const TrainSettings& settings) const { return {settings, initial_, extent_}; }
+  Schedule with(TrainSettings settings) const { return {std::move(settings), initial_, extent_}; }
+  const TrainSettings& settings() const { return s_; }
   double extent() const { return extent_; }
   const WorkShare& work() const { return work_; }
   bool refines(int iteration) const;

@@ -48,15 +48,42 @@ std::vector<float> part_of(std::span<const float> rows, std::size_t count, const
   return part;
 }
 
-SharedSplats::SharedSplats(Communicator& ranks, Device& device, Stages& stages, DeviceModel& model,
-                           Buffer<float>& moment1, Buffer<float>& moment2, std::uint32_t total)
-    : ranks_(ranks),
-      stages_(stages),
-      model_(model),
-      parts_{&model.params(), &moment1, &moment2},
-      total_(total),
-      weights_(device, "mcmc weights", model.stride()),
-      copy_counts_(device, "mcmc copies", model.stride()) {}
+SharedSplats::SharedSplats(Communicator& ranks, Device& device, Stages& stages, const SplatModel& initial,
+                           std::size_t capacity)
+    : TrainedSplats(
+          device, stages,
+          part_of(initial, share_of(static_cast<std::uint32_t>(initial.count), ranks.size(), ranks.rank())),
+          largest_share(static_cast<std::uint32_t>(capacity), ranks.size())),
+      ranks_(ranks),
+      parts_{&model_.params(), &moment1_, &moment2_},
+      total_(static_cast<std::uint32_t>(initial.count)),
+      weights_(device, "mcmc weights", model_.stride()),
+      copy_counts_(device, "mcmc copies", model_.stride()) {}
+
+SplatModel SharedSplats::gather_model(bool everywhere) const {
+  SplatModel all(model_.dim(), 0, model_.layout().variant);
+  all.values = gather(model_.params(), everywhere);
+  if (everywhere || ranks_.first()) all.count = total_;
+  return all;
+}
+
+SplatModel SharedSplats::download() const { return gather_model(false); }
+
+void SharedSplats::save(TrainState& state, bool everywhere) const {
+  if (!everywhere) return TrainedSplats::save(state, false);
+  state.model = gather_model(true);
+  state.moment1 = gather(moment1_, true);
+  state.moment2 = gather(moment2_, true);
+}
+
+void SharedSplats::load(const TrainState& state) {
+  total_ = static_cast<std::uint32_t>(state.model.count);
+  TrainState own;
+  own.model = part_of(state.model, share());
+  own.moment1 = part_of(state.moment1, total_, share());
+  own.moment2 = part_of(state.moment2, total_, share());
+  TrainedSplats::load(own);
+}
 
 std::vector<float> SharedSplats::row(const Buffer<float>& part, std::size_t row, std::uint32_t count) const {
   std::vector<float> values(count);

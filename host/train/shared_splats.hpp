@@ -1,34 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// The splats of a training that the ranks of a job share (host/cluster/share.hpp): each rank's part lies in a
-// model and moments of its own. Relocation and growth of method.md 4.3 over all parts, with the draws and the
-// bits of Stages::relocate and grow. All ranks call the same.
+// SharedSplats holds one rank's part of the splats that the ranks of a job train together
+// (host/cluster/share.hpp). Relocation and growth go over all parts, with the draws and the bits of
+// Stages::relocate and grow.
 #pragma once
 
 #include <array>
 
 #include "host/cluster/communicator.hpp"
 #include "host/cluster/share.hpp"
-#include "host/pipeline/device_model.hpp"
+#include "host/train/trained_splats.hpp"
 
 namespace ubs {
 
-class SharedSplats {
+class SharedSplats final : public TrainedSplats {
  public:
-  // `model` holds this rank's share of `total` splats.
-  SharedSplats(Communicator& ranks, Device& device, Stages& stages, DeviceModel& model,
-               Buffer<float>& moment1, Buffer<float>& moment2, std::uint32_t total);
+  // `initial` and `capacity` are of all ranks together.
+  SharedSplats(Communicator& ranks, Device& device, Stages& stages, const SplatModel& initial,
+               std::size_t capacity);
 
-  std::uint32_t total() const { return total_; }  // of all ranks
-  Share share() const { return share_of(total_, ranks_.size(), ranks_.rank()); }
-
-  std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration);  // how many were moved
-  // Parts are cut anew.
-  void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration);
-  // The parts were set from outside.
-  void set_total(std::uint32_t total) { total_ = total; }
-
-  // Rows of all splats without padding, on the first rank or on all; empty on the others.
-  std::vector<float> gather(const Buffer<float>& part, bool everywhere) const;
+  std::uint32_t total() const override { return total_; }
+  std::uint32_t first() const override { return share().first; }
+  std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration) override;
+  // Cuts the parts anew.
+  void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) override;
+  SplatModel download() const override;
+  void save(TrainState& state, bool everywhere) const override;
+  void load(const TrainState& state) override;
 
  private:
   struct Draw {
@@ -39,6 +36,10 @@ class SharedSplats {
   struct Slot {
     std::uint32_t place, number;  // in this rank's part; of the draw
   };
+  Share share() const { return share_of(total_, ranks_.size(), ranks_.rank()); }
+  SplatModel gather_model(bool everywhere) const;
+  // Rows of all splats without padding, on the first rank or on all; empty on the others.
+  std::vector<float> gather(const Buffer<float>& part, bool everywhere) const;
   // The slots of all ranks; how many of them got a source.
   std::uint32_t replace(const Draw& draw, const std::vector<std::uint32_t>& weights,
                         std::span<const Slot> slots);
@@ -51,8 +52,6 @@ class SharedSplats {
   std::vector<float> row(const Buffer<float>& part, std::size_t row, std::uint32_t count) const;
 
   Communicator& ranks_;
-  Stages& stages_;
-  DeviceModel& model_;
   std::array<Buffer<float>*, 3> parts_;  // parameters, two moments
   std::uint32_t total_;
   Buffer<std::uint32_t> weights_, copy_counts_;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Learns a splat model from the training views of a data set: the loop of method.md section 4 over the
-// stages of a device. No state is hidden: the order of views, the noise and the sampling of relocation
-// follow from (seed, iteration) alone, so a run is determined by settings, data, device and binary.
-// What happens when says Schedule, on what TrainingViews, and what when a value is not finite Guard.
+// Trainer learns a splat model from the training views of a data set: the loop of method.md section 4 over
+// the stages of a device. No state is hidden: the order of views, the noise and the sampling of relocation
+// follow from (seed, iteration) alone, so a run is determined by settings, data, device and binary. Its
+// parts: Schedule decides what happens when, TrainingViews which view comes, ViewPasses draws it,
+// TrainedSplats holds what is learnt, Guard watches for values that are not finite, and BudgetPace keeps to a
+// time budget.
 #pragma once
 
 #include <functional>
@@ -12,23 +14,18 @@
 
 #include "host/base/time_source.hpp"
 #include "host/cluster/communicator.hpp"
-#include "host/cluster/deal.hpp"
-#include "host/device/operations.hpp"
-#include "host/pipeline/device_model.hpp"
 #include "host/pipeline/memory_plan.hpp"
-#include "host/pipeline/renderer.hpp"
-#include "host/pipeline/shared_renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/spec/train_settings.hpp"
-#include "host/train/evaluate.hpp"
-#include "host/train/fit_camera.hpp"
 #include "host/train/guard.hpp"
+#include "host/train/learnt_sky.hpp"
+#include "host/train/loss_log.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
-#include "host/train/shared_splats.hpp"
+#include "host/train/shared_view_passes.hpp"
 #include "host/train/time_budget.hpp"
 #include "host/train/timed_stages.hpp"
-#include "host/train/train_state.hpp"
+#include "host/train/trained_cameras.hpp"
 #include "host/train/training_views.hpp"
 
 namespace ubs {
@@ -52,13 +49,6 @@ struct StateSaving {
   std::function<void(const TrainState&)> save;
 };
 
-// (tile, splat) pairs of the training views so far.
-struct IntersectionCount {
-  std::uint64_t most = 0, last = 0, total = 0, views = 0;
-  std::uint64_t repeated = 0;  // steps that were drawn again, because a view had no room for its lists
-  double mean() const { return views > 0 ? static_cast<double>(total) / static_cast<double>(views) : 0; }
-};
-
 class Trainer {
  public:
   // train must have images; test may be empty. All references must outlive the trainer. Several ranks share
@@ -78,7 +68,10 @@ class Trainer {
   // of a restored state. One process.
   void keep_to(const TimeBudget& budget);
   // The settings of the run, automatic ones resolved.
-  const TrainSettings& settings() const { return settings_; }
+  const TrainSettings& settings() const { return schedule_.settings(); }
+  // The settings with the background that has been learnt so far: how the model is drawn elsewhere.
+  TrainSettings drawn_settings() const;
+  RenderSettings render_settings() const { return passes_->settings(); }
 
   // The state after the last iteration. Waits. All ranks; each gets its part of the splats, or with
   // `everywhere` all of them.
@@ -86,125 +79,90 @@ class Trainer {
   // Goes on from a state of a run with the same settings, data and device: with the same bits. All ranks,
   // with the same state; the run that it is from may have had any number of them.
   void restore(const TrainState& state);
-  // Returns the seconds that a step of all cameras takes on images reduced by `factor`, where cameras are
-  // refined. They stay as they are.
-  double sweep_seconds(int factor);
   bool state_is_whole() const { return whole_; }
   // The state is not handed out after the last iteration, nor while it holds a value that is not finite.
   void on_state(StateSaving saving) { saving_ = std::move(saving); }
   // Called with a message for every value that is not finite after which training goes on.
   void on_nonfinite(std::function<void(const std::string&)> report) { guard_.on_event(std::move(report)); }
 
-  SplatModel model() const;                       // all ranks; the first one gets it
-  DeviceModel& device_model() { return model_; }  // of this rank
-  std::uint32_t splats() const { return sharing_ ? sharing_->splats.total() : model_.count(); }
-  // Of several ranks, before the first step: how many views of a batch each one draws, in place of as many.
-  void deal_views(std::vector<std::uint64_t> by_rank) { sharing_->deal = Deal(std::move(by_rank)); }
-  const Deal* deal() const { return sharing_ ? &sharing_->deal : nullptr; }  // null: one process
-  // The picture of a training view as each rank draws it on its device: the largest difference from the first
-  // rank's [of white]. All ranks.
-  std::vector<double> picture_differences(std::uint32_t view);
-  // Draws a view of these cameras into renderer() of the first rank. All ranks.
-  void set_cameras(const std::vector<Camera>& cameras);
-  void draw(std::uint32_t camera);
-  Communicator& ranks() const { return ranks_; }
-  std::uint64_t bytes_sent() const { return sharing_ ? sharing_->views.bytes_sent() : 0; }  // of this rank
-  Renderer& renderer() { return renderer_; }
-  RenderSettings render_settings() const { return ubs::render_settings(settings_); }
-  // The settings with the background that has been learnt so far: how the model is drawn elsewhere.
-  TrainSettings drawn_settings() const;
-  // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
-  MemoryPlan memory_plan() const;
-  double extent() const { return schedule_.extent(); }
+  // How far the run is.
   int iteration() const { return progress_.iteration; }
   double seconds() const { return progress_.seconds; }
   int rollbacks() const { return progress_.rollbacks; }
   std::uint64_t dropped() const { return progress_.dropped; }  // splats
-  const IntersectionCount& intersections() const { return intersections_; }
-  // Where the training time of this process went, estimated from sampled iterations.
-  std::vector<StageTime> stage_times() const { return stages_->times(); }
+  std::uint32_t splats() const { return splats_->total(); }
+
+  SplatModel model() const { return splats_->download(); }  // all ranks; the first one gets it
+  DeviceModel& device_model() { return splats_->model(); }  // of this rank
   // Of the model as it is now; with `more` also what that measures. All ranks.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
-  bool refines_cameras() const { return views_.refiner() != nullptr; }
-  const std::vector<Camera>& train_cameras() const { return views_.refiner()->cameras(); }  // refined so far
-  std::vector<Camera> test_cameras() const { return views_.test_cameras(); }  // as they are measured from
-  // After the last iteration of a run that refines cameras: those of the test views, fitted to the model, and
-  // those of the training views as they were learnt, with their deviations.
-  const std::vector<FittedCamera>& held_out_cameras();
-  std::vector<FittedCamera> refined_cameras();
+  // Draws a view of these cameras into renderer() of the first rank. All ranks.
+  void set_cameras(const std::vector<Camera>& cameras) { passes_->set_cameras(cameras); }
+  void draw(std::uint32_t camera) { passes_->draw(camera); }
+  Renderer& renderer() { return passes_->renderer(); }
+
+  TrainedCameras& cameras() { return cameras_; }
+  Communicator& ranks() const { return ranks_; }
+  SharedViewPasses* shared() { return shared_; }  // null: one process
+
+  double extent() const { return schedule_.extent(); }
+  // Device memory of this run as counted beforehand, for the most intersections that a view has had so far.
+  MemoryPlan memory_plan() const;
+  const IntersectionCount& intersections() const { return passes_->intersections(); }
+  // Where the training time of this process went, estimated from sampled iterations.
+  std::vector<StageTime> stage_times() const { return stages_->times(); }
 
  private:
-  struct LearnBuffers {  // gradients and moments of what is learnt, rates of all rows, loss sums by draw
-    Buffer<float> v_params, moment1, moment2, rates, loss_sums;
-    Buffer<float> v_sky;  // (batch, 27), or none: the background is not learnt
+  // What happens after an iteration.
+  struct Due {
+    bool evaluates = false, saves = false;
+    bool reads = false;  // the loss
+    bool looks = false;  // for values that are not finite
   };
 
-  struct Sharing {
-    SharedRenderer views;
-    SharedSplats splats;
-    Deal deal;  // of the views of a batch
-  };
+  // The parts of one process, or of one rank of several.
+  std::unique_ptr<TrainedSplats> all_or_own_splats(const SplatModel& initial);
+  std::unique_ptr<ViewPasses> all_or_own_passes();
 
   void step();
-  void use_level_of(int iteration);
-  // Forward and backward pass of the step's views; how many were not left out.
-  int render_views();
-  int render_views(bool uncounted, std::vector<UncountedView>& views);
-  int render_shared_views();
-  void draw_shared(std::vector<std::int64_t> cameras);
-  void count(std::uint64_t intersections);
-  std::uint64_t last_draw() const;
-  void loss_of(std::uint64_t draw);
-  void upload_first_view(int iteration);
-  std::vector<float> sky_state() const;  // empty: not learnt
-  void learn_sky();
-  void merge_by_draw(BufferView<float> rows, std::size_t width) const;
-  std::vector<float> loss_sums() const;
-  void agree(bool& by_time, bool& saves);
-  std::uint32_t relocate();
-  void grow(std::uint32_t target);
+  StepViews views_of_step();
   bool refine();  // true when splats moved or were added
   void update(int views);
+  void learn_appearances();
   bool refines_now() const { return schedule_.refines(progress_.iteration); }
-  bool learns_at_once() const { return !refines_now(); }  // the step in one pass with the end of its gradient
-  Regularise penalty();
+  Regularise penalty() const;
   AdamStep next_step();
-  void add_noise();
-  std::vector<float> rates() const;
-  std::size_t loss_rows() const;
-  std::optional<double> read_loss(int iterations);  // mean over the last iterations; waits
-  double loss_of_draw(const std::vector<float>& sums, std::uint64_t draw) const;
+  void use_level_of(int iteration);
 
-  void sweep_cameras(double done);
-  void measure_fitted(Metrics& metrics);
-  std::vector<FittedCamera> fit_cameras(const Split& split, std::size_t first, bool fits);
-  bool look();  // true when all is finite; else has done what settings.on_nan says, and may have gone back
+  Due due(double evaluated) const;
+  void agree(bool& by_time, bool& saves) const;
+  bool save_due() const;
+  void save_state();
+  std::optional<double> read_loss();
+  bool look();  // true when all is finite; else has done what on_nan says, and may have gone back
   void loss_not_finite(std::uint64_t draw);
   void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;  // where a time budget sets the speed of the run
   void set_pace();
-  bool save_due() const;
-  void save_state();
 
   const TimeSource& time_;
   Communicator& ranks_;
   Device& device_;
-  TrainSettings settings_;
   const std::uint32_t initial_;  // splats at the start
+  Schedule schedule_;            // with the settings
   TrainingViews views_;
-  Schedule schedule_;
   std::unique_ptr<TimedStages> stages_;
-  DeviceModel model_;
-  Renderer renderer_;
-  LearnBuffers learning_;
-  std::unique_ptr<Sharing> sharing_;  // of several ranks
+  std::unique_ptr<TrainedSplats> splats_;
+  std::unique_ptr<ViewPasses> passes_;
+  SharedViewPasses* shared_ = nullptr;  // the same, of several ranks
+  LearntSky sky_;
+  TrainedCameras cameras_;
+  Buffer<float> rates_;  // of all rows
+  LossLog losses_;
   TrainProgress progress_;
-  IntersectionCount intersections_;
   Guard guard_;
   std::optional<BudgetPace> pace_;  // of a run with a time budget
-  double swept_ = 0;                // seconds of camera sweeps
   bool whole_ = true;
-  std::vector<FittedCamera> held_out_;  // once they have been fitted
   StateSaving saving_;
   double saved_seconds_ = 0;
 };

@@ -21,7 +21,7 @@ namespace ubs {
 
 class TrainingViews {
  public:
-  // The splits must outlive the object; `train` must not be empty.
+  // Settings and splits must outlive the object; `train` must not be empty.
   TrainingViews(Device& device, const TrainSettings& settings, const Split& train, const Split& test);
 
   const Split& train() const { return train_; }
@@ -74,7 +74,7 @@ class TrainingViews {
     return refiner_ ? refiner_->cameras()[view] : train_.views[view].camera;
   }
 
-  const TrainSettings settings_;
+  const TrainSettings& settings_;
   const Split& train_;
   const Split& test_;
   const std::uint64_t batch_;

@@ -179,13 +179,13 @@ void RunFolder::save_metrics(const Json& json) {
 
 void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test,
                              const std::array<double, 3>& offset, bool finished) {
-  if (!trainer.refines_cameras() || !writes_) return;
+  if (!trainer.cameras().refines() || !writes_) return;
   std::vector<FittedCamera> refined, held_out;
   if (finished) {
-    refined = trainer.refined_cameras();
-    held_out = trainer.held_out_cameras();
+    refined = trainer.cameras().learnt();
+    held_out = trainer.cameras().held_out();
   } else {  // nobody waits for fits
-    for (const Camera& camera : trainer.train_cameras()) refined.push_back({camera, {NAN, NAN}});
+    for (const Camera& camera : trainer.cameras().train()) refined.push_back({camera, {NAN, NAN}});
   }
   const std::array<RunCameras, 2> splits{{{train, refined}, {test, held_out}}};
   write_run_cameras(cameras(), splits, offset);
@@ -202,7 +202,7 @@ std::size_t RunFolder::save_renders(Trainer& trainer, const Split& split, int co
   const std::size_t wanted = views.size();
   if (wanted == 0) return 0;
   if (writes_) make_folders(renders());
-  trainer.set_cameras(trainer.test_cameras());
+  trainer.set_cameras(trainer.cameras().test());
   const auto save = [&](std::size_t i) {
     trainer.draw(static_cast<std::uint32_t>(i));
     if (!writes_) return;

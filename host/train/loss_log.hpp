@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// LossLog keeps on the device what Stages::image_loss says of the views since the last report: rows of eight
+// sums, by draw.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/device/device.hpp"
+#include "host/spec/train_settings.hpp"
+
+namespace ubs {
+
+class LossLog {
+ public:
+  LossLog(Device& device, const TrainSettings& settings)
+      : rows_(static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every)),
+        lambda_dssim_(settings.lambda_dssim),
+        sums_(device, "loss sums", 8 * rows_) {}
+
+  BufferView<float> view() const { return sums_.view(); }
+  std::size_t offset(std::uint64_t draw) const { return 8 * (draw % rows_); }
+  std::vector<float> download() const { return sums_.download(); }
+  void load(const std::vector<float>& sums) {
+    if (sums.size() != sums_.size())
+      fail(ErrorKind::internal, "{} loss sums for {}", sums.size(), sums_.size());
+    sums_.upload(sums);
+  }
+  // Returns the loss of a draw, of what was downloaded.
+  double loss(const std::vector<float>& sums, std::uint64_t draw) const {
+    const float* row = &sums[offset(draw)];
+    return (1 - lambda_dssim_) * row[0] + lambda_dssim_ * (1 - row[1]);
+  }
+
+ private:
+  const std::size_t rows_;
+  const double lambda_dssim_;
+  Buffer<float> sums_;
+};
+
+}  // namespace ubs

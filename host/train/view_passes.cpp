@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/train/view_passes.hpp"
+
+#include <algorithm>
+
+namespace ubs {
+namespace {
+
+constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
+
+}  // namespace
+
+void IntersectionCount::add(std::uint64_t pairs) {
+  most = std::max(most, pairs);
+  last = pairs;
+  total += pairs;
+  ++views;
+}
+
+std::uint64_t StepViews::last() const {
+  std::uint64_t draw = end - 1;
+  while (draw > first && left_out.contains(draw)) --draw;
+  return draw;
+}
+
+void ViewPasses::draw(std::uint32_t camera) { renderer_.forward(splats_.view(), camera, settings_, false); }
+
+// Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
+// step's views are drawn again, waiting, and results are the same bits as of a run that always waits.
+int ViewPasses::run(const StepViews& step) {
+  std::vector<UncountedView> views;
+  int drawn = run(step, step.uncounted, views);
+  if (!std::ranges::all_of(views, &UncountedView::had_room)) {
+    views.clear();
+    drawn = run(step, false, views);
+    ++intersections_.repeated;
+  }
+  for (UncountedView& view : views) intersections_.add(view.totals().intersections);
+  return drawn;
+}
+
+int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<UncountedView>& views) {
+  int drawn = 0;
+  const std::uint64_t last = step.last();
+  for (std::uint64_t draw = step.first; draw < step.end; ++draw) {
+    const std::uint32_t view = views_.view_of(draw);
+    views_.prefetch(draw + kViewsAhead);
+    if (step.left_out.contains(draw)) continue;
+    if (uncounted)
+      views.push_back(renderer_.forward_uncounted(splats_.view(), view, settings_));
+    else  // waits in between
+      views.emplace_back(renderer_.forward(splats_.view(), view, settings_, true));
+    step.loss(draw);
+    if (draw == last && step.keeps_records)
+      renderer_.backward_to_records();
+    else
+      renderer_.backward(splats_.v_params(), drawn > 0);
+    ++drawn;
+    if (draw + 1 < step.end) views_.upload(draw + 1);
+  }
+  return drawn;
+}
+
+Metrics ViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
+  return evaluate(device_, stages_, renderer_, splats_.view(), settings_, views_.test().views,
+                  views_.targets(), first_test(), more, fit);
+}
+
+}  // namespace ubs
