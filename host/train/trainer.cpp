@@ -56,6 +56,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
           device, make_stages(device, training_config(this->settings(), device.info())), time)),
       splats_(all_or_own_splats(initial)),
       passes_(all_or_own_passes()),
+      shared_(dynamic_cast<SharedViewPasses*>(passes_.get())),
       sky_(device, this->settings(), *passes_, views_.batch()),
       cameras_(device, *stages_, views_, *passes_, *splats_, time),
       rates_(device, "learning rates", static_cast<std::size_t>(splats_->model().rows())),
@@ -74,9 +75,7 @@ std::unique_ptr<TrainedSplats> Trainer::all_or_own_splats(const SplatModel& init
 std::unique_ptr<ViewPasses> Trainer::all_or_own_passes() {
   const RenderSettings render = ubs::render_settings(settings());
   if (ranks_.size() == 1) return std::make_unique<ViewPasses>(device_, *stages_, views_, *splats_, render);
-  auto shared = std::make_unique<SharedViewPasses>(ranks_, device_, *stages_, views_, *splats_, render);
-  shared_ = shared.get();
-  return shared;
+  return std::make_unique<SharedViewPasses>(ranks_, device_, *stages_, views_, *splats_, render);
 }
 
 TrainSettings Trainer::drawn_settings() const {

@@ -154,7 +154,7 @@ class Trainer {
   std::unique_ptr<TimedStages> stages_;
   std::unique_ptr<TrainedSplats> splats_;
   std::unique_ptr<ViewPasses> passes_;
-  SharedViewPasses* shared_ = nullptr;  // the same, of several ranks
+  SharedViewPasses* const shared_;  // the same, where there are several ranks; else null
   LearntSky sky_;
   TrainedCameras cameras_;
   Buffer<float> rates_;  // of all rows
