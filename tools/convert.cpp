@@ -46,15 +46,13 @@ struct ConvertOptions {
   bool split_given() const { return split_option->count() > 0; }
 };
 
-std::string target_format(const ConvertOptions& options, SplatFormat source) {
-  if (options.format != "auto") return options.format;
-  const std::string extension = small_extension(options.to);
-  if (extension == ".spz") return "spz";
-  if (extension == ".sog") return "sog";
-  if (extension == ".glb") return "glb";
-  if (extension == ".splat") return "splat";
-  if (extension == ".ply") return source == SplatFormat::ubs && options.conditioning.empty() ? "3dgs" : "ubs";
-  fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to, extension);
+const SplatFormat& target_format(const ConvertOptions& options, const SplatFormat& source) {
+  if (options.format != "auto") return splat_format(options.format);
+  const SplatFormat* format = format_of_extension(options.to);
+  if (!format)
+    fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to,
+         small_extension(options.to));
+  return format->ours() && source.ours() && options.conditioning.empty() ? splat_format("3dgs") : *format;
 }
 
 // Mean PSNR (of the channels) over the views of the split.
@@ -119,7 +117,7 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
 }
 
 // Several moments of a dynamic model, or one; distilled where that was asked for.
-Json export_gaussians(const ConvertOptions& options, const std::string& format, const LoadedModel& loaded,
+Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
                       const TrainSettings& settings) {
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
@@ -139,7 +137,7 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
   for (int moment = 0; moment < moments; ++moment) {
     if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
     std::vector<std::string> said;
-    ImportedSplats splats = foreign_splats(format, model, loaded.offset, reduce, said);
+    ImportedSplats splats = exported_splats(format, model, loaded.offset, reduce, said);
     if (distiller) {
       Distilled distilled =
           distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
@@ -155,7 +153,7 @@ Json export_gaussians(const ConvertOptions& options, const std::string& format, 
                                    {"psnr_after", distilled.after}});
     }
     for (std::string& remark : format_remarks(format, splats)) said.push_back(std::move(remark));
-    write_foreign(format, file_of(options, moment), splats);
+    write_foreign_splats(format, file_of(options, moment), splats);
     json["splats"] = json.value("splats", std::size_t{0}) + splats.count();
     remarks.insert(remarks.end(), said.begin(), said.end());
   }
@@ -195,13 +193,13 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
   return json;
 }
 
-Json export_model(const ConvertOptions& options, const std::string& format) {
+Json export_model(const ConvertOptions& options, const SplatFormat& format) {
   const LoadedModel loaded = load_splat_model(options.from);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.from, options.run);
   if (!options.conditioning.empty()) return recondition(options, loaded, settings);
-  if (format == "ubs") {
+  if (format.ours()) {
     write_mixed_ply(options.to, model, loaded.comments);
     return {{"splats", model.count()}, {"remarks", Json::array()}};
   }
@@ -220,11 +218,11 @@ Json export_model(const ConvertOptions& options, const std::string& format) {
   return json;
 }
 
-Json import_model(const ConvertOptions& options, const std::string& format) {
+Json import_model(const ConvertOptions& options, const SplatFormat& format) {
   const TrainSettings settings = options.settings.resolve();
-  if (format != "ubs") {
+  if (!format.ours()) {
     const ImportedSplats splats = read_foreign_splats(options.from);
-    write_foreign(format, options.to, splats);
+    write_foreign_splats(format, options.to, splats);
     std::vector<std::string> remarks = read_remarks(splats);
     for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
     return {{"splats", splats.count()}, {"remarks", remarks}};
@@ -248,39 +246,40 @@ std::vector<fs::path> files_of(const ConvertOptions& options) {
 
 int run(ConvertOptions& options) {
   files_before_output();
-  const SplatFormat source = detect_splat_format(options.from);
-  const std::string format = target_format(options, source);
-  if ((!options.distill.empty() || options.series > 0) &&
-      (source != SplatFormat::ubs || format == "ubs" || format == "dbs"))
+  using Holds = SplatFormat::Holds;
+  const SplatFormat& source = detect_splat_format(options.from);
+  const SplatFormat& format = target_format(options, source);
+  const bool exports = source.ours() && format.holds == Holds::gaussians;
+  if ((!options.distill.empty() || options.series > 0) && !exports)
     fail(ErrorKind::usage, "--distill and --series are of exports of our models as Gaussians");
   if (!options.distill.empty()) {
     time_budget_seconds(options.distill);  // refuses what is none
     options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }
-  if (!options.conditioning.empty() && (source != SplatFormat::ubs || format != "ubs"))
+  if (!options.conditioning.empty() && !(source.ours() && format.ours()))
     fail(ErrorKind::usage, "--conditioning is of our models as our models");
-  if (source == SplatFormat::dbs && format != "ubs" && format != "dbs")
+  if (source.holds == Holds::beta && format.holds == Holds::gaussians)
     fail(ErrorKind::usage,
-         "{}: DBS holds Beta splats, and {} Gaussians: convert it to a .ply first, and that to {}",
-         options.from, format, format);
-  if (source != SplatFormat::ubs && source != SplatFormat::dbs && format == "dbs")
-    fail(ErrorKind::usage, "{}: holds Gaussians, and a DBS file holds Beta splats", options.from);
-  const bool exports = source == SplatFormat::ubs && format != "ubs" && format != "dbs";
+         "{}: {} holds Beta splats, and {} Gaussians: convert it to a .ply first, and that to {}",
+         options.from, source.title, format.title, format.name);
+  if (source.holds == Holds::gaussians && format.holds == Holds::beta)
+    fail(ErrorKind::usage, "{}: {} holds Gaussians, and {} Beta splats", options.from, source.title,
+         format.title);
   if (!exports && options.time_option->count() + options.opacity_option->count() > 0)
     fail(ErrorKind::usage, "--time and --opacity are of exports of our models as Gaussians");
   if (options.split_given() && options.data.empty())
     fail(ErrorKind::usage, "--split is what is measured on: name the data with --data");
-  const bool stays = (source == SplatFormat::ubs) == (format == "ubs") && options.conditioning.empty();
+  const bool stays = source.ours() == format.ours() && options.conditioning.empty();
   if (stays && !options.data.empty())
     fail(ErrorKind::usage,
          "--data: a loss is measured between our format and others, and with --conditioning: not here");
-  if (options.distill.empty() && source == SplatFormat::ubs && !options.data.empty())
+  if (options.distill.empty() && source.ours() && !options.data.empty())
     options.run = use_run_data(options.from, options.data);
   check_output_files(files_of(options), {options.from, options.data}, options.overwrite);
-  Json json = source == SplatFormat::ubs ? export_model(options, format) : import_model(options, format);
-  json["from"] = format_name(source);
-  json["to"] = format;
+  Json json = source.ours() ? export_model(options, format) : import_model(options, format);
+  json["from"] = source.title;
+  json["to"] = format.name;
   json["bytes"] = std::size_t{0};
   for (const fs::path& file : files_of(options))
     json["bytes"] = json["bytes"].get<std::size_t>() + file_bytes(file);
@@ -299,10 +298,12 @@ Command add_convert(CLI::App& root) {
       ->required()
       ->type_name("FROM");
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
+  std::vector<std::string> formats = written_formats();
+  const std::string names = fmt::format("{}", fmt::join(formats, ", "));
+  formats.emplace_back("auto");
   app->add_option("--to", options->format,
-                  "ubs, 3dgs, dbs, spz, sog, glb, splat [by extension; .ply: ubs from a foreign file, 3dgs "
-                  "from one of ours]")
-      ->check(CLI::IsMember({"auto", "ubs", "3dgs", "dbs", "spz", "sog", "glb", "splat"}))
+                  names + " [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
+      ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
       app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")

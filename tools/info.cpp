@@ -141,7 +141,7 @@ Json describe_model(const std::string& path) {
       [](double raw) { return ubs_softplus(raw); });
   const auto dead = std::ranges::upper_bound(opacity, UBS_OPACITY_DEAD) - opacity.begin();
   Json json{{"file", path},
-            {"format", format_name(loaded.format)},
+            {"format", loaded.format->title},
             {"offset", loaded.offset},
             {"remarks", loaded.remarks},
             {"bytes", file_bytes(path)},
@@ -294,7 +294,7 @@ int run(InfoOptions& options) {
       say("group of N = {}: {} splats\n", dims[g], dimensions[g]["splats"].get<std::size_t>());
     print_parameters(g == 0 ? info["groups"] : dimensions[g]["groups"]);
   }
-  if (info["format"] != format_name(SplatFormat::ubs))
+  if (info["format"] != splat_format("ubs").title)
     say("format    {}\n", info["format"].get<std::string>());
   for (const auto& remark : info["remarks"]) say("import    {}\n", remark.get<std::string>());
   if (info["noted_cameras"] > 0)

@@ -91,7 +91,7 @@ bool is_gaussian_model(const SplatModel& model) {
   return model.dim == 3 && model.variant.kernel == SpatialKernel::gaussian;
 }
 
-ImportedSplats foreign_splats(const SplatModel& model) {
+ImportedSplats to_imported_splats(const SplatModel& model) {
   const ParameterLayout l = model.layout();
   if (l.query > 0) fail(ErrorKind::internal, "foreign_splats: N = {}", model.dim);
   ImportedSplats out;

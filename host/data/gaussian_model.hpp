@@ -19,7 +19,7 @@ bool is_gaussian_model(const SplatModel& model);
 
 // The splats of a model of N = 3: what its PLY, SPZ or .splat holds. Plain colours become constant harmonics;
 // splats that no renderer could show are dropped and counted in the report.
-ImportedSplats foreign_splats(const SplatModel& model);
+ImportedSplats to_imported_splats(const SplatModel& model);
 
 // Degree of the harmonics that hold the colours of a model, 0 for plain ones, and the colours of splat i.
 int harmonic_degree(const ModelVariant& variant);

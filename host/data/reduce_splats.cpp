@@ -71,7 +71,7 @@ void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bo
 // Nothing to fix and to average: any form of N = 3 has the axes of its splats, and the kernel alone is
 // another.
 ImportedSplats with_gaussian_kernel(const SplatModel& model) {
-  ImportedSplats out = foreign_splats(model);
+  ImportedSplats out = to_imported_splats(model);
   for (std::size_t i = 0; i < out.betas.size(); ++i) {
     const double ratio = support_ratio(4 * std::exp(std::min(double{out.betas[i]}, UBS_BETA_RAW_MAX)));
     for (float& scale : out.log_scales[i]) scale -= static_cast<float>(std::log(ratio));

@@ -5,7 +5,9 @@
 
 #include <array>
 #include <filesystem>
+#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/data/imported_splats.hpp"
@@ -14,17 +16,54 @@
 
 namespace ubs {
 
-enum class SplatFormat { ubs, gaussian_ply, dbs, compressed_ply, spz, splat32, glb, sog };
+// What tells the formats apart.
+struct FileStart {
+  std::string bytes;                  // the first four
+  std::string extension;              // in small letters, with the point
+  std::vector<std::string> ply = {};  // lines of the header of a PLY file
+};
 
-const char* format_name(SplatFormat format);
-SplatFormat detect_splat_format(const std::filesystem::path& path);
+// A format of model files: a row of the table in splat_file.cpp. A new one needs its reader and writer, a
+// row, and a section of docs/data.md.
+struct SplatFormat {
+  enum class Holds { ours, beta, gaussians };
+
+  std::string_view name;       // of --to and of the library: "spz"
+  std::string_view title;      // for messages: "SPZ"
+  std::string_view extension;  // of its files; they are recognised under other names too
+  Holds holds;
+  bool (*recognise)(const FileStart& start);
+  ImportedSplats (*read)(const std::filesystem::path& path);                       // null: ours
+  void (*write)(const std::filesystem::path& path, const ImportedSplats& splats);  // null: ours, or only read
+  bool keeps_offset = false;
+  bool keeps_antialiasing = false;  // says whether splats were trained with it
+  std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what write() loses besides
+
+  bool ours() const { return holds == Holds::ours; }
+};
+
+std::span<const SplatFormat> splat_formats();
+// The names of those that can be written, ours first.
+std::vector<std::string> written_formats();
+// Throws Error(usage) where none of the written formats has the name.
+const SplatFormat& splat_format(std::string_view name);
+// The written format whose files have this extension, of .ply ours; null: there is none.
+const SplatFormat* format_of_extension(const std::filesystem::path& path);
+const SplatFormat& detect_splat_format(const std::filesystem::path& path);
 
 // Every format but our own.
 ImportedSplats read_foreign_splats(const std::filesystem::path& path);
+// Warns of an offset that the format has no place for.
+void write_foreign_splats(const SplatFormat& format, const std::filesystem::path& path,
+                          const ImportedSplats& splats);
+// What the format has no place for.
+std::vector<std::string> format_remarks(const SplatFormat& format, const ImportedSplats& splats);
+inline constexpr const char* kLobesLost =
+    "the spherical Beta lobes are lost: the format has no place for them";
 
 struct LoadedModel {
-  MixedModel model;  // several groups in files of ours only
-  SplatFormat format = SplatFormat::ubs;
+  MixedModel model;                       // several groups in files of ours only
+  const SplatFormat* format = nullptr;    // of the file; null: it is from none
   std::vector<std::string> comments;      // that a file of ours with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
   ModelNotes notes;                       // of a file of ours

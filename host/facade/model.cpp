@@ -21,13 +21,16 @@ const char* group_name(const std::string& name) {
 }
 
 void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
-  if (format == "ubs") return write_mixed_ply(path, loaded.model, loaded.comments);
+  const SplatFormat* by_name = format_of_extension(path);
+  const SplatFormat& kind =
+      format == "auto" && by_name ? *by_name : splat_format(format == "auto" ? "ubs" : format);
+  if (kind.ours()) return write_mixed_ply(path, loaded.model, loaded.comments);
   ReduceOptions options{.time = time, .opacity = "mean", .viewpoints = {}};
   for (const Camera& camera : loaded.notes.cameras) options.viewpoints.push_back(camera.centre());
   std::vector<std::string> remarks;
-  const ImportedSplats splats = foreign_splats(format, loaded.model, loaded.offset, options, remarks);
-  write_foreign(format, path, splats);
-  for (const std::string& text : format_remarks(format, splats)) remarks.push_back(text);
+  const ImportedSplats splats = exported_splats(kind, loaded.model, loaded.offset, options, remarks);
+  write_foreign_splats(kind, path, splats);
+  for (const std::string& text : format_remarks(kind, splats)) remarks.push_back(text);
   for (const std::string& text : remarks) log_line(LogLevel::notice, text);
 }
 

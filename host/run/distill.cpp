@@ -96,7 +96,7 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
     if (report.test) out.after = report.test->mean.psnr_channel_mean;
     return true;
   });
-  out.splats = foreign_splats(trainer.model());
+  out.splats = to_imported_splats(trainer.model());
   out.splats.offset = closed_form.offset;
   out.iterations = trainer.iteration();
   out.seconds = watch.seconds();

@@ -3,27 +3,20 @@
 #pragma once
 
 #include <array>
-#include <filesystem>
 #include <string>
 #include <vector>
 
-#include "host/data/imported_splats.hpp"
 #include "host/data/reduce_splats.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/scene/mixed_model.hpp"
 
 namespace ubs {
 
-// For dbs Beta splats of N = 3 as they are; Error(usage) for another model. For the formats of Gaussians
-// group by group, those that are Gaussians already as they are. The remarks say what was done.
-ImportedSplats foreign_splats(const std::string& format, const MixedModel& model,
-                              const std::array<double, 3>& offset, const ReduceOptions& options,
-                              std::vector<std::string>& remarks);
-
-// `format`: 3dgs, dbs, spz, sog, glb or splat; throws Error(usage) for another. Warns of an offset that the
-// format has no place for.
-void write_foreign(const std::string& format, const std::filesystem::path& path,
-                   const ImportedSplats& splats);
-// What the format has no place for.
-std::vector<std::string> format_remarks(const std::string& format, const ImportedSplats& splats);
+// The splats of a model as a format of other tools holds them. A format of Beta splats takes those of N = 3
+// as they are, and Error(usage) for another model; one of Gaussians takes all models, group by group, and
+// those that are Gaussians already as they are. The remarks say what was done.
+ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& model,
+                               const std::array<double, 3>& offset, const ReduceOptions& options,
+                               std::vector<std::string>& remarks);
 
 }  // namespace ubs

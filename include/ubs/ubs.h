@@ -210,9 +210,9 @@ UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
 UBS_API void ubs_model_free(ubs_model* model);
 /* A model file of any known format (docs/data.md), or the folder of a finished run. */
 UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
-/* `format`: "ubs" (nothing is lost), "3dgs", "dbs", "spz", "sog", "glb" or "splat" (as `ubs convert`, at
- * `time`, with directions averaged over the cameras that the model notes, if any). Replaces a file of that
- * name, but neither a link nor a folder. */
+/* `format`: a name of `ubs convert --to`; "ubs" loses nothing, and so is NULL; "auto" goes by the extension of the path
+ * and takes "ubs" for .ply and for unknown ones. Other formats get the model at `time`, with directions averaged over
+ * the cameras that the model notes, if any. Replaces a file of that name, but neither a link nor a folder. */
 UBS_API ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time);
 UBS_API ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info);
 /* Parameter number `index` (from 0) of a group (below the model's `groups`). */

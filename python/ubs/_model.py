@@ -91,11 +91,9 @@ class Model(_abi.Handle):
         return self.copy()
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
-        """format: "ubs" (nothing is lost), "3dgs", "dbs", "spz", "sog", "glb" or "splat" (at `time`);
-        None: by the extension, .ply is "ubs". Replaces a file of that name."""
-        kinds = {".spz": "spz", ".sog": "sog", ".glb": "glb", ".splat": "splat"}
-        chosen = kinds.get(Path(path).suffix.lower(), "ubs") if format is None else format
-        _abi.call("model_save", self, _abi.path_bytes(path), chosen.encode(), time)
+        """format: a name of `ubs convert --to`, for example "spz" or "3dgs"; "ubs" loses nothing, the others hold the
+        model at `time`. None: by the extension, .ply is "ubs". Replaces a file of that name."""
+        _abi.call("model_save", self, _abi.path_bytes(path), (format or "auto").encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
         info = _abi.ModelInfo()

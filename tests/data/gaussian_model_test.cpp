@@ -51,8 +51,8 @@ TEST_CASE("gaussian model: splats of other tools come back as they were", "[gaus
     CHECK(model.variant.colour == static_cast<ColourMode>(degree + 1));
     CHECK(is_gaussian_model(model));
     write_splat_ply(folder / "u.ply", model);
-    CHECK(detect_splat_format(folder / "u.ply") == SplatFormat::ubs);
-    const ImportedSplats back = foreign_splats(read_splat_ply(folder / "u.ply"));
+    CHECK(detect_splat_format(folder / "u.ply").name == "ubs");
+    const ImportedSplats back = to_imported_splats(read_splat_ply(folder / "u.ply"));
     const Differences d = compare(splats, back);
     CHECK(d.position == 0);
     CHECK(d.rotation < 1e-6);
@@ -74,7 +74,7 @@ TEST_CASE("gaussian model: every rotation and factor becomes axes and a quaterni
   for (const ModelVariant& variant : variants) {
     INFO(to_string(variant));
     const SplatModel model = random_model(variant);
-    const ImportedSplats out = foreign_splats(model);
+    const ImportedSplats out = to_imported_splats(model);
     REQUIRE(out.count() == model.count);
     CHECK(out.sh_degree == (variant.colour == ColourMode::sh1 ? 1 : 0));
     double worst = 0;
@@ -102,8 +102,8 @@ TEST_CASE("gaussian model: DBS splats keep their kernel, antialiased ones their 
   CHECK(lobes.layout().property_names()[6 + 11] == "sb_params_11");
   CHECK(lobes.row(lobes.layout().rgb + 3 + 11)[2] == dbs.sb[35]);
   TempFolder folder;
-  write_gaussian_ply(folder / "dbs.ply", foreign_splats(lobes));
-  CHECK(detect_splat_format(folder / "dbs.ply") == SplatFormat::dbs);
+  write_gaussian_ply(folder / "dbs.ply", to_imported_splats(lobes));
+  CHECK(detect_splat_format(folder / "dbs.ply").name == "dbs");
   const ImportedSplats back = read_foreign_splats(folder / "dbs.ply");
   CHECK(back.report.notes.empty());
   CHECK(back.sb == dbs.sb);
@@ -112,7 +112,7 @@ TEST_CASE("gaussian model: DBS splats keep their kernel, antialiased ones their 
   ImportedSplats filtered = random_splats(3, 1);
   filtered.antialiased = true;
   CHECK(exact_model(filtered).variant.antialias == Antialias::on);
-  CHECK(foreign_splats(exact_model(filtered)).antialiased);
+  CHECK(to_imported_splats(exact_model(filtered)).antialiased);
 }
 
 TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, refuses forms it does not know",

@@ -41,7 +41,7 @@ ImportedSplats few_splats(int degree) {
 
 void import_all(const ImportedSplats& splats) {
   const SplatModel model = exact_model(splats);
-  if (is_gaussian_model(model)) foreign_splats(model);
+  if (is_gaussian_model(model)) to_imported_splats(model);
 }
 
 void run_ply(Data d) {

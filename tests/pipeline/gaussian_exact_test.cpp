@@ -128,7 +128,7 @@ TEST_CASE("foreign splats: Gaussians drawn before and after each format", "[fore
   const TempFolder folder;
   put_ply(folder / "g.ply", scene());
   const SplatModel model = load_splat_model(folder / "g.ply").model.groups.front();
-  const ImportedSplats out = foreign_splats(model);
+  const ImportedSplats out = to_imported_splats(model);
   write_gaussian_ply(folder / "a.ply", out);
   write_spz(folder / "a.spz", out);
   for (const auto& device : opencl_devices_under_test()) {

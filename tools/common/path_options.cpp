@@ -70,7 +70,7 @@ Vec3 parse_vector(const std::string& option, const std::string& text) {
 
 FrameHints frame_hints(const LoadedModel& model) {
   FrameHints hints;
-  if (model.format != SplatFormat::ubs) hints.up_without_floor = {0, -1, 0};
+  if (!model.format->ours()) hints.up_without_floor = {0, -1, 0};
   return hints;
 }
 
