@@ -25,10 +25,8 @@ namespace ubs::tools {
 namespace {
 
 struct InfoOptions {
-  explicit InfoOptions(CLI::App& app)
-      : settings(app, {"layout", "images", "principal_point", "downscale", "test_every", "frames",
-                       "cache_folder", "allow_outside"}) {}
-  SettingsOptions settings;  // how data are read
+  explicit InfoOptions(CLI::App& app) : settings(app, keys_used(kOfReading)) {}
+  SettingsOptions settings;
   std::string model;
   bool json = false;
 };
@@ -294,8 +292,7 @@ int run(InfoOptions& options) {
       say("group of N = {}: {} splats\n", dims[g], dimensions[g]["splats"].get<std::size_t>());
     print_parameters(g == 0 ? info["groups"] : dimensions[g]["groups"]);
   }
-  if (info["format"] != splat_format("ubs").title)
-    say("format    {}\n", info["format"].get<std::string>());
+  if (info["format"] != splat_format("ubs").title) say("format    {}\n", info["format"].get<std::string>());
   for (const auto& remark : info["remarks"]) say("import    {}\n", remark.get<std::string>());
   if (info["noted_cameras"] > 0)
     say("seen by   {} training cameras that the file names\n", info["noted_cameras"].get<std::size_t>());

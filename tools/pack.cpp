@@ -15,10 +15,14 @@
 namespace ubs::tools {
 namespace {
 
+std::vector<std::string_view> pack_keys() {
+  std::vector<std::string_view> keys = keys_used(kOfReading);
+  keys.emplace_back("background");  // that pixels are composited on
+  return keys;
+}
+
 struct PackOptions {
-  explicit PackOptions(CLI::App& app)
-      : settings(app, {"background", "downscale", "layout", "images", "principal_point", "test_every",
-                       "cache_folder", "frames", "allow_outside"}) {}
+  explicit PackOptions(CLI::App& app) : settings(app, pack_keys()) {}
   SettingsOptions settings;
   std::string data, out;
   bool json = false, overwrite = false;

@@ -2,6 +2,8 @@
 // See dataset.hpp.
 #include "host/data/dataset.hpp"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -118,48 +120,68 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
       fail(ErrorKind::usage, "the layout {} has no use for {}: leave it out", layout, option);
 }
 
+namespace {
+
+// A layout of data folders. A new one needs its loader, a row, and a section of docs/data.md.
+struct Layout {
+  std::string_view name;
+  bool (*recognise)(const fs::path& path);
+  LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
+  std::string_view has;  // what it is recognised by, for messages
+  std::string_view
+      used;  // which of --images, --test-every and --frames; unless the loader refuses the others itself
+  bool refuses_itself = false;
+};
+
+// In the order in which they are tried.
+constexpr Layout kLayouts[] = {
+    {"packed", is_packed, load_packed, "a file of ubs pack", "", true},
+    {"blender",
+     [](const fs::path& path) {
+       return std::ranges::any_of(kSplits, [&](const char* split) { return has_blender_split(path, split); });
+     },
+     load_blender, "transforms_train.json, transforms_val.json or transforms_test.json (Blender)", ""},
+    {"nerfstudio",
+     [](const fs::path& path) {
+       return is_regular(path) ? path.extension() == ".json" : path_exists(path / "transforms.json");
+     },
+     load_nerfstudio, "transforms.json", "--test-every"},
+    {"colmap", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
+     "sparse/0/cameras.bin or .txt (COLMAP)", "--images --test-every"},
+    {"llff", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); }, load_llff,
+     "poses_bounds.npy (LLFF, N3V)", "", true},
+};
+
+const Layout& layout_named(std::string_view name) {
+  for (const Layout& layout : kLayouts)
+    if (layout.name == name) return layout;
+  std::vector<std::string_view> names{"auto"};
+  for (const Layout& layout : kLayouts) names.push_back(layout.name);
+  fail(ErrorKind::usage, "layout '{}' is not known: {}", name, fmt::join(names, ", "));
+}
+
+}  // namespace
+
 std::string detect_layout(const fs::path& path) {
-  if (is_packed(path)) return "packed";
-  if (is_regular(path) && path.extension() == ".json") return "nerfstudio";
+  if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  for (const Layout& layout : kLayouts)
+    if (layout.recognise(path)) return std::string(layout.name);
   if (!is_folder(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
-  for (const char* split : kSplits)
-    if (has_blender_split(path, split)) return "blender";
-  if (path_exists(path / "transforms.json")) return "nerfstudio";
-  if (!find_colmap_model(path).empty()) return "colmap";
-  if (path_exists(path / "poses_bounds.npy")) return "llff";
   refuse_further_models(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
            path.string(), count, shell_word(path.string()));
-  fail(ErrorKind::data,
-       "{}: no known layout: no transforms_train.json, transforms_val.json or transforms_test.json in this "
-       "folder "
-       "(Blender), no transforms.json (nerfstudio), no sparse/0/cameras.bin or .txt (COLMAP), no "
-       "poses_bounds.npy (LLFF, N3V)",
-       path.string());
+  std::vector<std::string_view> known;
+  for (const Layout& layout : kLayouts) known.push_back(layout.has);
+  fail(ErrorKind::data, "{}: no known layout: there is no {} in this folder", path.string(),
+       fmt::join(known, ", no "));
 }
 
 Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
-  const std::string layout = options.layout == "auto" ? detect_layout(path) : options.layout;
-  LoadedScene scene;
-  if (layout == "blender") {
-    refuse_unused(options, layout, "");
-    scene = load_blender(path, options);
-  } else if (layout == "nerfstudio") {
-    refuse_unused(options, layout, "--test-every");
-    scene = load_nerfstudio(path, options);
-  } else if (layout == "colmap") {
-    refuse_unused(options, layout, "--images --test-every");
-    scene = load_colmap(path, options);
-  } else if (layout == "llff") {
-    scene = load_llff(path, options);
-  } else if (layout == "packed") {
-    scene = load_packed(path, options);
-  } else {
-    fail(ErrorKind::usage, "layout '{}' is not known: auto, blender, nerfstudio, colmap, llff or packed",
-         layout);
-  }
+  const Layout& layout = layout_named(options.layout == "auto" ? detect_layout(path) : options.layout);
+  if (!layout.refuses_itself) refuse_unused(options, layout.name, layout.used);
+  LoadedScene scene = layout.load(path, options);
 
   Dataset data;
   data.splits = std::move(scene.splits);
@@ -177,7 +199,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
     data.report.note(results.size() == 1                ? text
                      : pixels == results.begin()->first ? text + ", the smallest"
                                                         : text + ", the largest");
-  data.report.layout = layout;
+  data.report.layout = layout.name;
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
   const bool already_local = scene.offset != std::array<double, 3>{};

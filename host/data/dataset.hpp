@@ -19,7 +19,7 @@
 namespace ubs {
 
 struct DatasetOptions {
-  std::string layout = "auto";  // auto | blender | nerfstudio | colmap | llff | packed
+  std::string layout = "auto";  // a name of the table in dataset.cpp, or auto
   std::array<double, 3> background{0, 0, 0};
   int downscale = 1;
   std::string images = "auto";            // folder of images of COLMAP and LLFF; auto: images

@@ -53,8 +53,7 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
   const auto then = bind_fields(opened, train_fields()), now = bind_fields(settings, train_fields());
   for (std::size_t i = 0; i < now.size(); ++i) {
     const std::string_view key = now[i].key;
-    const bool reads = key == "downscale" || key == "test_every" || key == "frames" || key == "images" ||
-                       key == "layout" || key == "principal_point";
+    const bool reads = (now[i].uses & kOfReading) && !(now[i].uses & kFreeOnResume);
     const bool counts = key == "background" ? other_background : reads && settings.chosen.contains(key);
     const std::string wanted = field_text(now[i]), has = field_text(then[i]);
     if (counts && wanted != has)

@@ -42,6 +42,8 @@ enum FieldUse : unsigned {
   kOfKernels = 1,     // kernels are specialised by it, beside N, `raster` and the form of the model
   kFreeOnResume = 2,  // may change when a run is resumed
   kOfDrawing = 4,     // changes the picture of a finished model: model files remember it
+  kOfReading = 8,     // says how data are read
+  kSetFirst = 16,     // what users set first: --help shows it, --help-all the others
 };
 
 template <typename Settings>

@@ -45,23 +45,27 @@ constexpr Field<S> used(unsigned uses, Field<S> field) {
 }
 
 const Field<S> kFields[] = {
-    {"dim",
-     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
-     "what differs between the training views",
-     &S::dim, 3, 11, true},
-    {"init_points",
-     "random initial splats where the data bring no points; auto: points are placed by comparing the "
-     "pictures, or where that fails one for three pixels of a picture, at most 100000",
-     &S::init_points, 1, kMaxSplats, true},
-    {"init_extent",
-     "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
-     "(docs/data.md)",
-     &S::init_extent, 1e-6, 1e6, true},
-    {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats},
+    used(kSetFirst, {"dim",
+                     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query "
+                     "values; auto: "
+                     "what differs between the training views",
+                     &S::dim, 3, 11, true}),
+    used(kSetFirst,
+         {"init_points",
+          "random initial splats where the data bring no points; auto: points are placed by comparing the "
+          "pictures, or where that fails one for three pixels of a picture, at most 100000",
+          &S::init_points, 1, kMaxSplats, true}),
+    used(kSetFirst,
+         {"init_extent",
+          "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
+          "(docs/data.md)",
+          &S::init_extent, 1e-6, 1e6, true}),
+    used(kSetFirst,
+         {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats}),
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
      true},
     {"beta_query_init", "raw initial betas of time and further query values", &S::beta_query_init, -20, 20},
-    {"seed", "seed of every random choice", &S::seed, 0},
+    used(kSetFirst, {"seed", "seed of every random choice", &S::seed, 0}),
 
     {"rot_mode", "spatial rotation: I + A, second order, Cayley, exponential, or quaternion (dim 3)",
      &form<&ModelVariant::rot_mode>, -1, 1, false, variant_values("rot_mode")},
@@ -86,7 +90,8 @@ const Field<S> kFields[] = {
      "auto: direct where dim is auto and the data move",
      &conditioning, -1, 1, false, "auto|covariance|direct"},
 
-    {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations},
+    used(kSetFirst,
+         {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations}),
     {"work_shares",
      "share of the work that is done after some iterations, as --budget records it: ITERATION:SHARE,..., "
      "such "
@@ -108,11 +113,12 @@ const Field<S> kFields[] = {
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
     {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
-    used(kOfDrawing, {"background",
-                      "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
-                      "also learnt: learn (one colour) or sky (by direction); where no schedule is "
-                      "asked for, their mean colour",
-                      &S::background, 0, 1}),
+    used(kOfDrawing | kSetFirst,
+         {"background",
+          "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
+          "also learnt: learn (one colour) or sky (by direction); where no schedule is "
+          "asked for, their mean colour",
+          &S::background, 0, 1}),
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
      &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
@@ -148,7 +154,7 @@ const Field<S> kFields[] = {
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
 
-    used(kOfKernels | kOfDrawing,
+    used(kOfKernels | kOfDrawing | kSetFirst,
          {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0,
           0.5}),
     used(kOfKernels, {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze}),
@@ -156,25 +162,27 @@ const Field<S> kFields[] = {
          {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)",
           &choice<S, &S::math>, -1, 1, false, "exact|native|rough"}),
 
-    {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64},
-    {"layout", "layout of the data; auto: recognised by its content", &S::layout, -1, 1, false,
-     "auto|blender|nerfstudio|colmap|llff|packed"},
-    {"images", "folder of images inside a COLMAP or LLFF folder; auto: images", &S::images},
-    {"principal_point", "true, or centre of the image as in published numbers",
-     &choice<S, &S::principal_point>, -1, 1, false, "true|centre"},
-    {"test_every", "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: none",
-     &S::test_every, 0, 1'000'000},
+    used(kOfReading | kSetFirst, {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64}),
+    used(kOfReading,
+         {"layout", "layout of the data (docs/data.md); auto: recognised by its content", &S::layout}),
+    used(kOfReading, {"images", "folder of images inside a COLMAP or LLFF folder; auto: images", &S::images}),
+    used(kOfReading, {"principal_point", "true, or centre of the image as in published numbers",
+                      &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
+    used(kOfReading | kSetFirst,
+         {"test_every", "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: none",
+          &S::test_every, 0, 1'000'000}),
     used(kFreeOnResume, {"image_cache_mb", "memory for images [MB]; what does not fit is decoded when needed",
                          &S::image_cache_mb, 1, 1 << 20}),
-    used(kFreeOnResume, {"cache_folder", "folder that keeps undistorted images and video frames; empty: none",
-                         &S::cache_folder}),
-    used(kFreeOnResume,
+    used(kFreeOnResume | kOfReading,
+         {"cache_folder", "folder that keeps undistorted images and video frames; empty: none",
+          &S::cache_folder}),
+    used(kFreeOnResume | kOfReading,
          {"allow_outside",
           "read files outside of the data folder that links, absolute paths or .. in the data lead to",
           &S::allow_outside}),
-    {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all", &S::frames, 0,
-     kMaxIterations, true},
-    used(kFreeOnResume,
+    used(kOfReading, {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all",
+                      &S::frames, 0, kMaxIterations, true}),
+    used(kFreeOnResume | kSetFirst,
          {"eval_every",
           "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end",
           &S::eval_every}),
@@ -202,6 +210,13 @@ void check_freeze(const TrainSettings& s) {
       fail(ErrorKind::usage,
            "freeze = '{}': relocation and growth change {}; switch them off with refine = 0:0:1", s.freeze,
            group);
+}
+
+std::vector<std::string_view> keys_used(unsigned uses) {
+  std::vector<std::string_view> keys;
+  for (const Field<S>& field : train_fields())
+    if (field.uses & uses) keys.emplace_back(field.key);
+  return keys;
 }
 
 void validate(const TrainSettings& s) {

@@ -8,6 +8,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/base/background.hpp"
@@ -93,9 +94,8 @@ struct TrainSettings {
   MathMode math{};  // of powers
 
   // Data and output
-  int downscale = 1;  // images are reduced by this factor on load
-  std::string layout =
-      "auto";  // of the data folder: auto (by content) | blender | nerfstudio | colmap | llff
+  int downscale = 1;                 // images are reduced by this factor on load
+  std::string layout = "auto";       // of the data folder (host/data/dataset.cpp); auto: by content
   std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
   PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
   int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
@@ -116,6 +116,8 @@ struct TrainSettings {
 
 // The fields of TrainSettings with key, help, and allowed range.
 std::span<const Field<TrainSettings>> train_fields();
+// Keys of the fields that have one of these uses (FieldUse).
+std::vector<std::string_view> keys_used(unsigned uses);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

@@ -33,14 +33,6 @@ std::string description(const FieldValue& field) {
 
 constexpr const char* kSettings = "Settings";
 
-// What users set first; the others are shown by --help-all.
-bool set_first(std::string_view key) {
-  constexpr std::string_view kFirst[] = {"dim",         "cap_max",   "iterations", "init_points",
-                                         "init_extent", "seed",      "background", "downscale",
-                                         "test_every",  "alpha_min", "eval_every"};
-  return std::ranges::find(kFirst, key) != std::end(kFirst);
-}
-
 }  // namespace
 
 SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> keys) : keys_(std::move(keys)) {
@@ -52,7 +44,7 @@ SettingsOptions::SettingsOptions(CLI::App& app, std::vector<std::string_view> ke
     const bool flag = std::holds_alternative<bool*>(field.value);
     entry.option = flag ? app.add_flag(name, entry.text, description(field))
                         : app.add_option(name, entry.text, description(field))->type_name(type_word(field));
-    entry.option->group(set_first(field.key) ? kSettings : kRareGroup);
+    entry.option->group((field.uses & kSetFirst) ? kSettings : kRareGroup);
   }
   app.add_option("--spec", specs_, "YAML file of settings (repeatable; later files win)")
       ->type_name("FILE")
@@ -100,10 +92,9 @@ TrainSettings SettingsOptions::resolve(TrainSettings settings) const {
 }
 
 std::vector<std::string_view> drawing_keys() {
-  return {"background",      "eps2d",      "near_plane",     "far_plane",
-          "downscale",       "raster",     "layout",         "images",
-          "principal_point", "test_every", "image_cache_mb", "cache_folder",
-          "frames",          "alpha_min",  "math",           "allow_outside"};
+  std::vector<std::string_view> keys = keys_used(kOfReading | kOfDrawing);
+  keys.insert(keys.end(), {"raster", "math", "image_cache_mb"});
+  return keys;
 }
 
 }  // namespace ubs::tools

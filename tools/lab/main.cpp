@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable `ubs-lab`: where this project measures itself, for errors against float64 beside times, for
-// stiff and extreme cases, and for comparing devices and back ends (docs/lab.md).
+// stiff and extreme cases, and for comparing devices and back ends.
 #include "tools/lab/commands.hpp"
 
 namespace {
