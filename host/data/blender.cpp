@@ -91,8 +91,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
     fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", pending.frame.where,
          pending.image.string());
   }
-  const ImageSize actual{downscaled(original.width, options.downscale),
-                         downscaled(original.height, options.downscale)};
+  const ImageSize actual{downscaled(original.width, options.read.downscale),
+                         downscaled(original.height, options.read.downscale)};
   refuse_distortion(pending.frame, file);
   set_intrinsics(view.camera, pending.frame, file, stated.value_or(original), actual);
   check_camera(view.camera, pending.frame.where);
@@ -116,7 +116,7 @@ bool has_blender_split(const fs::path& folder, const std::string& split) {
 
 Split load_blender_split(const fs::path& folder, const std::string& split, const DatasetOptions& options,
                          bool lazy) {
-  const DataRoot root(folder, options.allow_outside);
+  const DataRoot root(folder, options.read.allow_outside);
   const std::string path = transforms_path(folder, split).string();
   const Json json = parse_file(root.check(path));
   const Node file{json, path};

@@ -45,7 +45,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const fs::path model_folder = find_colmap_model(folder);
   if (model_folder.empty()) refuse_further_models(folder);
   if (model_folder.empty()) fail(ErrorKind::data, "{}: no sparse/0/cameras.bin or .txt", folder.string());
-  DataRoot root(folder, options.allow_outside);
+  DataRoot root(folder, options.read.allow_outside);
   for (const char* name : {"cameras", "images", "points3D"})
     for (const char* extension : {".bin", ".txt"}) root.check((model_folder / name).concat(extension));
   ColmapModel model = read_colmap_model(model_folder);
@@ -55,12 +55,14 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   describe_cameras(model, scene.report);
   // Beside the model when there is no such folder, as `ubs cameras` leaves photographs where they are.
   const bool beside = !is_folder(folder / "images") && path_exists(folder / model.images.front().name);
-  const std::string image_folder = options.images != "auto" ? options.images : beside ? "." : "images";
+  const std::string image_folder = options.read.images != "auto" ? options.read.images
+                                   : beside                      ? "."
+                                                                 : "images";
   const bool have_folder = is_folder(folder / image_folder);
   if (options.load_images && !have_folder)
     fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
 
-  if (options.images != "auto") root.add(folder / image_folder);  // the user's word
+  if (options.read.images != "auto") root.add(folder / image_folder);  // the user's word
 
   std::vector<View> views;
   std::size_t masks = 0;
@@ -86,7 +88,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
          model.images.size(), (folder / image_folder).string());
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   settle_view_names(views);
-  scene.splits = split_every(std::move(views), options.test_every);
+  scene.splits = split_every(std::move(views), options.read.test_every);
   if (!model.points.positions.empty()) scene.points = std::move(model.points);
   return scene;
 }

@@ -45,7 +45,7 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
     for (const View& view : split.views) without += options.load_images && !view.has_image();
   if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
   const fs::path points = folder / "points3d.ply";
-  if (path_exists(points)) take_points(DataRoot(folder, options.allow_outside).check(points), scene);
+  if (path_exists(points)) take_points(DataRoot(folder, options.read.allow_outside).check(points), scene);
   return scene;
 }
 
@@ -113,9 +113,10 @@ std::vector<fs::path> pictures_in(const fs::path& folder) {
 
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used) {
   const DatasetOptions usual;
-  for (const auto& [option, given] : {std::pair{"--images", options.images != usual.images},
-                                      std::pair{"--test-every", options.test_every != usual.test_every},
-                                      std::pair{"--frames", options.frames != usual.frames}})
+  for (const auto& [option, given] :
+       {std::pair{"--images", options.read.images != usual.read.images},
+        std::pair{"--test-every", options.read.test_every != usual.read.test_every},
+        std::pair{"--frames", options.read.frames != usual.read.frames}})
     if (given && used.find(option) == std::string_view::npos)
       fail(ErrorKind::usage, "the layout {} has no use for {}: leave it out", layout, option);
 }
@@ -179,7 +180,8 @@ std::string detect_layout(const fs::path& path) {
 }
 
 Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
-  const Layout& layout = layout_named(options.layout == "auto" ? detect_layout(path) : options.layout);
+  const Layout& layout =
+      layout_named(options.read.layout == "auto" ? detect_layout(path) : options.read.layout);
   if (!layout.refuses_itself) refuse_unused(options, layout.name, layout.used);
   LoadedScene scene = layout.load(path, options);
 
@@ -188,7 +190,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   for (Split& split : data.splits) {
     split.name = safe_file_name(split.name);
     settle_view_names(split.views);
-    if (options.principal_point_centre)
+    if (options.read.principal_point == PrincipalPoint::centre)
       for (View& view : split.views)
         view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
   }
@@ -225,9 +227,10 @@ void decode_images(Dataset& data, const DatasetOptions& options) {
       bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
                static_cast<std::size_t>(view.camera.height);
     }
-  if (bytes > options.image_cache_bytes) {
+  const std::size_t cache = static_cast<std::size_t>(options.read.image_cache_mb) << 20;
+  if (bytes > cache) {
     data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
-                                 pending.size(), bytes >> 20, options.image_cache_bytes >> 20));
+                                 pending.size(), bytes >> 20, options.read.image_cache_mb));
     return;
   }
   // Of one video only one frame at a time is decoded: neighbours come from different ones.

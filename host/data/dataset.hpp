@@ -11,26 +11,18 @@
 #include <string_view>
 #include <vector>
 
-#include "host/base/index_range.hpp"
 #include "host/data/load_report.hpp"
 #include "host/data/point_cloud.hpp"
 #include "host/scene/dataset.hpp"
+#include "host/spec/train_settings.hpp"
 
 namespace ubs {
 
 struct DatasetOptions {
-  std::string layout = "auto";  // a name of the table in dataset.cpp, or auto
-  std::array<double, 3> background{0, 0, 0};
-  int downscale = 1;
-  std::string images = "auto";            // folder of images of COLMAP and LLFF; auto: images
-  bool principal_point_centre = false;    // as the published code: cx = W/2, cy = H/2
-  int test_every = 8;                     // COLMAP, LLFF, nerfstudio: every n-th view by name; 0: none
-  bool load_images = true;                // false: cameras only
-  std::vector<std::string> image_splits;  // splits whose images are wanted; empty: all
-  std::size_t image_cache_bytes = std::size_t{4} << 30;  // beyond it images are decoded on demand
-  std::filesystem::path cache_folder;  // undistorted images and video frames; empty: none kept
-  IndexRange frames;                   // of videos
-  bool allow_outside = false;          // read what the data name outside of their folder (data_root.hpp)
+  ReadSettings read;
+  std::array<double, 3> background{0, 0, 0};  // that transparent pixels are composited on
+  bool load_images = true;                    // false: cameras only
+  std::vector<std::string> image_splits;      // splits whose images are wanted; empty: all
   bool operator==(const DatasetOptions&) const = default;
 };
 

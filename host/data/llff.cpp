@@ -97,13 +97,14 @@ struct Sequence {
 std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const DatasetOptions& options,
                                LoadReport& report) {
   const auto [least, most] = std::ranges::minmax_element(cameras, {}, &Sequence::frames);
-  const int available = least->frames(), wanted = std::min(most->frames(), options.frames.end);
+  const int available = least->frames(), wanted = std::min(most->frames(), options.read.frames.end);
   std::vector<int> frames;
-  for (int f = options.frames.first; f < std::min(available, wanted); f += std::max(1, options.frames.step))
+  for (int f = options.read.frames.first; f < std::min(available, wanted);
+       f += std::max(1, options.read.frames.step))
     frames.push_back(f);
   if (frames.empty())
     fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", least->path.string(),
-         available, options.frames.first);
+         available, options.read.frames.first);
   if (available < wanted)
     report.note(fmt::format("{} has {} frames, {} has {}: frames from {} on are left out",
                             least->path.filename().string(), available, most->path.filename().string(),
@@ -134,7 +135,7 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
   settle_view_names(views);
   std::map<std::string, std::array<double, 2>> bounds;
   for (std::size_t i = 0; i < rows.size(); ++i) bounds[views[i].name] = rows[i].bounds;
-  scene.splits = split_every(std::move(views), options.test_every);
+  scene.splits = split_every(std::move(views), options.read.test_every);
   for (const View& view : scene.splits.front().views) scene.depth_bounds.push_back(bounds.at(view.name));
   return scene;
 }
@@ -156,12 +157,13 @@ void add_video(std::vector<View>& views, const Sequence& sequence, const std::ve
     if (options.load_images) {
       const int width = view.camera.width, height = view.camera.height;
       view.source = video_frame_source(sequence.video, frames[i], width, height);
-      if (!options.cache_folder.empty())
-        view.source = cached_image_source(
-            view.source,
-            options.cache_folder / cache_name(fmt::format("{}|frame {}|{}x{}", file_identity(sequence.path),
-                                                          frames[i], width, height)),
-            width, height);
+      if (!options.read.cache_folder.empty())
+        view.source =
+            cached_image_source(view.source,
+                                fs::path(options.read.cache_folder) /
+                                    cache_name(fmt::format("{}|frame {}|{}x{}", file_identity(sequence.path),
+                                                           frames[i], width, height)),
+                                width, height);
     }
     views.push_back(std::move(view));
   }
@@ -214,9 +216,9 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
 }  // namespace
 
 LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
-  DataRoot root(folder, options.allow_outside);
+  DataRoot root(folder, options.read.allow_outside);
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
-  const fs::path images = folder / (options.images == "auto" ? "images" : options.images);
+  const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   auto videos = sorted_entries(folder, is_video);
   // Beside pictures a video may be a walk through the scene.
   if (videos.size() != rows.size() && is_folder(images)) videos.clear();
@@ -228,7 +230,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
-    if (options.images != "auto") root.add(images);  // the user's word
+    if (options.read.images != "auto") root.add(images);  // the user's word
     scene = load_static(images, rows, root, options);
   }
   for (const char* name : {"points3d.ply", "points3D.ply"})

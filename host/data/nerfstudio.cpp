@@ -83,7 +83,7 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
   std::vector<View> views;
   if (std::ranges::none_of(lists, [](const auto& list) { return list.second.has_value(); })) {
     for (NamedView& n : named) views.push_back(std::move(n.view));
-    return split_every(std::move(views), options.test_every);
+    return split_every(std::move(views), options.read.test_every);
   }
   if (!lists[0].second) {
     std::set<std::string> rest;
@@ -119,7 +119,7 @@ ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
 LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options) {
   const fs::path json_path = is_folder(path) ? path / "transforms.json" : path;
   const fs::path folder = json_path.parent_path();
-  const DataRoot root(path, options.allow_outside);
+  const DataRoot root(path, options.read.allow_outside);
   const Json json = parse_file(json_path == path ? path : root.check(json_path));
   const Node file{json, json_path.string()};
   LoadedScene scene;

@@ -311,9 +311,9 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
     fail(ErrorKind::data,
          "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
          path.string(), fmt::join(file->background(), ","), fmt::join(file->background(), ","));
-  if (options.downscale != 1 && options.downscale != file->downscale())
+  if (options.read.downscale != 1 && options.read.downscale != file->downscale())
     fail(ErrorKind::data, "{}: was packed with --downscale {}, not {}; pack it again", path.string(),
-         file->downscale(), options.downscale);
+         file->downscale(), options.read.downscale);
   LoadedScene scene;
   for (const std::string& name : file->split_names())
     scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name) : file->split(name));

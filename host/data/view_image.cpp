@@ -63,16 +63,17 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
                                  size.height, ideal.width, ideal.height));
   }
   Camera& camera = view.camera;
-  camera.width = image.width =
-      reduced(ideal.width, static_cast<double>(ideal.width) * lens.width / size.width, options.downscale);
-  camera.height = image.height =
-      reduced(ideal.height, static_cast<double>(ideal.height) * lens.height / size.height, options.downscale);
+  camera.width = image.width = reduced(
+      ideal.width, static_cast<double>(ideal.width) * lens.width / size.width, options.read.downscale);
+  camera.height = image.height = reduced(
+      ideal.height, static_cast<double>(ideal.height) * lens.height / size.height, options.read.downscale);
   const double sx = static_cast<double>(camera.width) / ideal.width;
   const double sy = static_cast<double>(camera.height) / ideal.height;
   camera.fx = actual.fx * sx, camera.fy = actual.fy * sy;
   camera.cx = cx * sx, camera.cy = cy * sy;
   view.masked = exists && !mask.empty();
-  if (exists && options.load_images) view.source = file_image_source(std::move(image), options.cache_folder);
+  if (exists && options.load_images)
+    view.source = file_image_source(std::move(image), options.read.cache_folder);
   return exists;
 }
 

@@ -14,8 +14,8 @@ namespace ubs {
 // Sets intrinsics, size and image source of `view`. `lens` refers to the size that the data set states.
 // Without a file the view keeps the stated size and no image; false then.
 //
-// The delivered size is that of the lens, reduced by options.downscale, but never more than the file has:
-// a folder of reduced images is used as it is, with the intrinsics rescaled.
+// The delivered size is that of the lens, reduced by options.read.downscale, but never more than the file
+// has: a folder of reduced images is used as it is, with the intrinsics rescaled.
 bool attach_image(View& view, const Lens& lens, const std::filesystem::path& file,
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 

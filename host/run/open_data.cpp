@@ -10,16 +10,7 @@ namespace ubs {
 namespace {
 
 DatasetOptions reading_options(const TrainSettings& settings) {
-  return {.layout = settings.layout,
-          .background = settings.background.colour,
-          .downscale = settings.downscale,
-          .images = settings.images,
-          .principal_point_centre = settings.principal_point == PrincipalPoint::centre,
-          .test_every = settings.test_every,
-          .image_cache_bytes = static_cast<std::size_t>(settings.image_cache_mb) << 20,
-          .cache_folder = settings.cache_folder,
-          .frames = settings.frames,
-          .allow_outside = settings.allow_outside};
+  return {.read = settings, .background = settings.background.colour};
 }
 
 }  // namespace
@@ -41,7 +32,7 @@ Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesys
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images) {
   DatasetOptions options = reading_options(settings);
-  if (opened) options.image_cache_bytes = opened->reading.image_cache_bytes;  // is of decoding alone
+  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // is of decoding alone
   if (!opened || opened->folder != folder || opened->reading != options)
     return open_dataset(folder, image_splits, settings, images);
   options = reading_options(settings);

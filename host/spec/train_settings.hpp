@@ -28,8 +28,23 @@ enum class PrincipalPoint { as_given, centre };
 enum class BatchRates { none, sqrt };
 enum class OnNan { stop, rollback, drop, off };
 
+// How data are read (docs/data.md). A setting that changes this is a member here, a row of the table of
+// fields with kOfReading, and its use in host/data.
+struct ReadSettings {
+  std::string layout = "auto";       // of the data folder (host/data/dataset.cpp); auto: by content
+  std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
+  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
+  int downscale = 1;                 // images are reduced by this factor on load
+  int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  IndexRange frames;                 // of videos
+  int image_cache_mb = 4096;         // images beyond it are decoded when needed
+  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
+  bool allow_outside = false;  // read what the data name outside of their folder: links, absolute paths, ..
+  bool operator==(const ReadSettings&) const = default;
+};
+
 // Choices in the order of their words in the table.
-struct TrainSettings {
+struct TrainSettings : ReadSettings {
   // Model
   int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
   int init_points =
@@ -94,15 +109,6 @@ struct TrainSettings {
   MathMode math{};  // of powers
 
   // Data and output
-  int downscale = 1;                 // images are reduced by this factor on load
-  std::string layout = "auto";       // of the data folder (host/data/dataset.cpp); auto: by content
-  std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
-  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
-  int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
-  int image_cache_mb = 4096;         // images beyond it are decoded when needed
-  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
-  IndexRange frames;                 // of videos
-  bool allow_outside = false;    // read what the data name outside of their folder: links, absolute paths, ..
   std::string eval_every = "0";  // iterations, or seconds of training with an s, between evaluations on the
                                  // test split; 0: only at the end
   int save_renders = 8;          // test views written beside their ground truth at the end; -1: all

@@ -70,7 +70,7 @@ TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
   TempFolder folder;
   const auto camera = [&](const std::string& head, const std::string& more, int downscale = 1) {
     DatasetOptions options;
-    options.downscale = downscale;
+    options.read.downscale = downscale;
     return load(folder, document(frame(more), head), options).views.at(0).camera;
   };
   const std::string pixels = R"("fl_x": 100, "fl_y": 110, "cx": 30, "cy": 20, "w": 64, "h": 48)";
@@ -108,7 +108,7 @@ TEST_CASE("blender: pixel quantities follow the size of the image file", "[blend
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 55.0, 15.0, 10.0});
   DatasetOptions options;
   options.background = {1, 1, 1};
-  options.downscale = 2;
+  options.read.downscale = 2;
   const View small = load(folder, json, options).views.at(0);
   CHECK(std::array{small.image.width, small.image.height} == std::array{16, 12});
   CHECK(small.image.rgb[0] == 211);  // 156.86 + 55 = 211.86, truncated
@@ -193,7 +193,7 @@ TEST_CASE("blender: missing images", "[blender]") {
 
 TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
   TempFolder folder;
-  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.layout = "blender"}); }),
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.layout = "blender"}}); }),
              Contains("no transforms_train.json"));
   const auto refusal = [&](const std::string& json) { return message_of([&] { load(folder, json); }); };
   const auto bad_frame = [&](const std::string& second) {

@@ -93,12 +93,12 @@ TEST_CASE("colmap: models beside sparse/0 are named, with a way to one that work
   put(folder / "sparse/10/cameras.txt", kCameras);
   DatasetOptions options;
   for (const char* layout : {"auto", "colmap"}) {
-    options.layout = layout;
+    options.read.layout = layout;
     const std::string message = message_of([&] { load_dataset(folder.path(), options); });
     CHECK_THAT(message, Contains("models sparse/10, sparse/2 are there") &&
                             Contains("sparse/10 --images ../../images"));
   }
-  options.images = "../../images";
+  options.read.images = "../../images";
   const Dataset data = load_dataset(folder / "sparse/2", options);
   CHECK(data.find("train")->views.size() + data.find("test")->views.size() == 10);
   CHECK(data.find("train")->views[0].has_image());
@@ -108,9 +108,9 @@ TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]"
   TempFolder folder;
   put_scene(folder);
   DatasetOptions options;
-  options.downscale = 2;
-  options.principal_point_centre = true;
-  options.test_every = 0;
+  options.read.downscale = 2;
+  options.read.principal_point = PrincipalPoint::centre;
+  options.read.test_every = 0;
   Dataset data = load_dataset(folder.path(), options);
   CHECK(data.splits.size() == 1);
   Camera camera = data.splits[0].views[0].camera;
@@ -121,7 +121,7 @@ TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]"
   // A folder of reduced images is taken as it is, not scaled up to the cameras.
   for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_4/im{}.png", i), 16, 12, i);
   options = {};
-  options.images = "images_4";
+  options.read.images = "images_4";
   data = load_dataset(folder.path(), options);
   camera = data.find("train")->views[0].camera;
   CHECK(camera.width == 16);
@@ -152,7 +152,7 @@ TEST_CASE("colmap: distorted cameras are undistorted, which is reported", "[colm
   CHECK(std::ranges::any_of(data.report.notes,
                             [](const std::string& n) { return n.find("undistorted") != n.npos; }));
   DatasetOptions options;
-  options.cache_folder = folder / "cache";
+  options.read.cache_folder = (folder / "cache").string();
   const Dataset first = load_dataset(folder.path(), options), second = load_dataset(folder.path(), options);
   CHECK(file_count(folder / "cache") == 10);
   CHECK(second.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
@@ -191,7 +191,7 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   CHECK(data.find("train")->views[1].image.mask.empty());
 
   DatasetOptions options;
-  options.downscale = 2;
+  options.read.downscale = 2;
   const Image8 half = load_dataset(folder.path(), options).find("train")->views[2].load_image();
   REQUIRE(half.mask.size() == 32 * 24);
   CHECK(half.mask[32 * 5 - 1] == 0);
@@ -209,7 +209,8 @@ TEST_CASE("colmap: a mask may have the name of its image with another extension"
   std::filesystem::create_directories(folder / "masks/b");
   REQUIRE(cv::imwrite((folder / "masks/b/im.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(0))));
   const auto masked = [&] {
-    const std::vector<View> views = load_dataset(folder.path(), {.test_every = 0}).find("train")->views;
+    const std::vector<View> views =
+        load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views;
     return std::array{views[0].image.mask, views[1].image.mask};
   };
   CHECK(masked()[0].empty());
@@ -225,7 +226,7 @@ TEST_CASE("colmap: an image whose name leads out of the folder is not its own ma
   std::filesystem::create_directories(folder / "masks");
   for (const std::string& name : {std::string("../images/im.png"), (folder / "images/im.png").string()}) {
     put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 " + name + "\n\n");
-    CHECK(!load_dataset(folder.path(), {.test_every = 0}).find("train")->views.at(0).masked);
+    CHECK(!load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.at(0).masked);
   }
 }
 
@@ -238,7 +239,7 @@ TEST_CASE("colmap: masks of full images fit reduced ones", "[colmap]") {
   mask.rowRange(0, 24).setTo(0);
   REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), mask));
   DatasetOptions options;
-  options.images = "images_2";
+  options.read.images = "images_2";
   std::vector<std::uint8_t> expected(32 * 24, 255);
   std::fill_n(expected.begin(), 32 * 12, std::uint8_t{0});
   CHECK(load_dataset(folder.path(), options).find("train")->views[2].image.mask == expected);

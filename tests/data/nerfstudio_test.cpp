@@ -172,7 +172,7 @@ TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("poses_bounds.npy"));
   CHECK_THAT(message_of([&] { load_dataset(folder / "none"); }), Contains("no such data folder"));
   DatasetOptions options;
-  options.layout = "other";
+  options.read.layout = "other";
   CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage),
              Contains("'other'"));
 }
@@ -183,10 +183,11 @@ TEST_CASE("dataset: settings that a layout has no use for are refused", "[datase
     put(folder / file, "{}");
     return message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage);
   };
-  CHECK_THAT(refusal("transforms.json", {.images = "images_4"}),
+  CHECK_THAT(refusal("transforms.json", {.read = {.images = "images_4"}}),
              Contains("nerfstudio has no use for --images"));
-  CHECK_THAT(refusal("transforms.json", {.frames = {.end = 3}}), Contains("no use for --frames"));
-  CHECK_THAT(refusal("transforms_train.json", {.test_every = 0}), Contains("no use for --test-every"));
+  CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("no use for --frames"));
+  CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 0}}),
+             Contains("no use for --test-every"));
 }
 
 TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
@@ -213,7 +214,7 @@ TEST_CASE("dataset: images beyond the cache are decoded on demand, with the same
   put(folder / "transforms.json", nerfstudio_json(kHead));
   DatasetOptions options;
   const Dataset all = load_dataset(folder.path(), options);
-  options.image_cache_bytes = 10000;
+  options.read.image_cache_mb = 0;
   const Dataset some = load_dataset(folder.path(), options);
   CHECK(some.splits[0].views[0].image.rgb.empty());
   CHECK(some.splits[0].views[0].has_image());
@@ -270,12 +271,12 @@ TEST_CASE("llff: depth bounds stay with their views, which are in another order 
   }
   rows[17 + 15] = 3;
   put_poses(folder / "poses_bounds.npy", rows);
-  const Dataset data = load_dataset(folder.path(), {.test_every = 0});
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
   CHECK(data.find("train")->views.at(0).name == "a");
   CHECK(data.depth_bounds.at(0)[0] == 3);
   CHECK(data.depth_bounds.at(1)[0] == 2);
   put(folder / "walk.mp4", "one video is not two cameras");
-  CHECK(load_dataset(folder.path(), {.test_every = 0}).find("train")->views.size() == 2);
+  CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 2);
 }
 
 TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff]") {
@@ -293,8 +294,8 @@ TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff
   }
   put_poses(folder / "poses_bounds.npy", rows);
   DatasetOptions options;
-  options.image_cache_bytes = 1;
-  options.frames = {.first = 1, .step = 2};
+  options.read.image_cache_mb = 0;
+  options.read.frames = {.first = 1, .step = 2};
   const Dataset data = load_dataset(folder.path(), options);
   REQUIRE(data.find("train")->views.size() == 6);
   REQUIRE(data.find("test")->views.size() == 3);
@@ -352,7 +353,7 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   REQUIRE(longer.find("train")->views.size() == 3);
   CHECK(longer.find("train")->views[1].camera.time == 0.5);
   CHECK_THAT(longer.report.notes.at(0), Contains("cam00 has 3 frames, cam01 has 4"));
-  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.test_every = 0}); }, ErrorKind::usage),
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.test_every = 0}}); }, ErrorKind::usage),
              Contains("N3V has no use for --test-every"));
 }
 
@@ -375,11 +376,11 @@ TEST_CASE("image: EXR is linear light, becomes sRGB", "[image]") {
 TEST_CASE("llff: fern without its sparse model", "[llff][data]") {
   UBS_REQUIRE_DATA(folder, "llff_fern_504");
   DatasetOptions options;
-  options.layout = "llff";
+  options.read.layout = "llff";
   options.load_images = true;
   options.image_splits = {"test"};
   const Dataset data = load_dataset(folder, options);
-  options.layout = "colmap";
+  options.read.layout = "colmap";
   const Dataset sparse = load_dataset(folder, options);
   REQUIRE(data.find("test")->views.size() == 3);
   for (std::size_t i = 0; i < 3; ++i) {

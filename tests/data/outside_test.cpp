@@ -34,7 +34,7 @@ struct Scene {
   void check_outside(const fs::path& opened, const std::string& what) const {
     CHECK_THAT(message_of([&] { load_dataset(opened); }),
                Contains(what) && Contains("outside of the data folder") && Contains("--allow-outside"));
-    CHECK_NOTHROW(load_dataset(opened, {.allow_outside = true}));
+    CHECK_NOTHROW(load_dataset(opened, {.read = {.allow_outside = true}}));
   }
 };
 
@@ -141,7 +141,7 @@ TEST_CASE("outside: names of images, masks and files of COLMAP", "[outside]") {
   fs::rename(scene.folder / "named/images", scene.folder / "elsewhere");
   fs::create_symlink(scene.folder / "elsewhere", scene.folder / "named/images");
   CHECK_THAT(message_of([&] { load_dataset(scene.folder / "named"); }), Contains("--allow-outside"));
-  CHECK_NOTHROW(load_dataset(scene.folder / "named", {.images = "../elsewhere"}));
+  CHECK_NOTHROW(load_dataset(scene.folder / "named", {.read = {.images = "../elsewhere"}}));
 }
 
 TEST_CASE("outside: frames and poses of LLFF and N3V", "[outside]") {

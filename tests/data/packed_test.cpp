@@ -172,16 +172,16 @@ TEST_CASE("a packed data set opens as any other, and stays local to its offset",
     for (View& view : split.views) view.camera.translation = {-1, 2.5, 3};
   write_packed(folder / "set.ubsd", data);
   CHECK(detect_layout(folder / "set.ubsd") == "packed");
-  for (const std::size_t cache : {std::size_t{1} << 30, std::size_t{0}}) {
-    const Dataset opened =
-        load_dataset(folder / "set.ubsd", {.background = data.background, .image_cache_bytes = cache});
+  for (const int cache_mb : {1024, 0}) {
+    const Dataset opened = load_dataset(
+        folder / "set.ubsd", {.read = {.image_cache_mb = cache_mb}, .background = data.background});
     CHECK(opened.offset == data.offset);
     CHECK(opened.depth_bounds == data.depth_bounds);
     REQUIRE(opened.points);
     CHECK(opened.points->positions == data.points->positions);
     REQUIRE(opened.find("train"));
     const View &view = opened.find("train")->views.at(1), &wanted = data.splits[0].views[1];
-    CHECK((view.source != nullptr) == (cache == 0));
+    CHECK((view.source != nullptr) == (cache_mb == 0));
     CHECK(view.load_image().rgb == wanted.image.rgb);
     CHECK(view.camera.translation == wanted.camera.translation);
     CHECK_FALSE(opened.find("test")->views.at(0).has_image());
@@ -189,7 +189,7 @@ TEST_CASE("a packed data set opens as any other, and stays local to its offset",
   CHECK(message_of([&] { load_dataset(folder / "set.ubsd"); }).find("--background 1,0.5,0.25") !=
         std::string::npos);
   CHECK(message_of([&] {
-          load_dataset(folder / "set.ubsd", {.background = data.background, .downscale = 3});
+          load_dataset(folder / "set.ubsd", {.read = {.downscale = 3}, .background = data.background});
         }).find("--downscale 2") != std::string::npos);
   for (Split& split : data.splits)
     for (View& view : split.views) view.opaque = true;

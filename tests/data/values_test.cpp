@@ -39,8 +39,9 @@ void check_refused(const TempFolder& folder, const json& text, const std::string
     INFO(layout << " " << text.dump());
     put(folder / "transforms.json", text.dump());
     put(folder / "transforms_train.json", text.dump());
-    CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.layout = layout, .load_images = false}); }),
-               Contains("transforms") && Contains(what));
+    CHECK_THAT(
+        message_of([&] { load_dataset(folder.path(), {.read = {.layout = layout}, .load_images = false}); }),
+        Contains("transforms") && Contains(what));
   }
 }
 
@@ -52,7 +53,8 @@ void put_colmap(const TempFolder& folder, const std::string& camera, const std::
 }
 
 std::string colmap_refusal(const TempFolder& folder) {
-  return message_of([&] { load_dataset(folder.path(), {.layout = "colmap", .load_images = false}); });
+  return message_of(
+      [&] { load_dataset(folder.path(), {.read = {.layout = "colmap"}, .load_images = false}); });
 }
 
 View simple_view() {
@@ -175,7 +177,7 @@ TEST_CASE("values: LLFF poses", "[values]") {
     std::vector<float> row = good;
     row[at] = value;
     write_npy(folder / "poses_bounds.npy", std::vector<std::size_t>{1, 17}, row);
-    return message_of([&] { load_dataset(folder.path(), {.test_every = 0}); });
+    return message_of([&] { load_dataset(folder.path(), {.read = {.test_every = 0}}); });
   };
   CHECK(refusal(0, 0).empty());
   CHECK_THAT(refusal(1, -1), Contains("row 0: the pose is not a rotation (determinant -1"));  // mirrored

@@ -198,7 +198,7 @@ std::vector<std::string> seed_splat32() {
 void run_colmap(Data d, const char* extension) {
   for (const char* name : {"cameras", "images", "points3D"})
     put(fmt::format("sparse/{}.{}", name, extension), take_block(d));
-  expect_error_only([] { load_dataset(folder(), {.layout = "colmap", .load_images = false}); });
+  expect_error_only([] { load_dataset(folder(), {.read = {.layout = "colmap"}, .load_images = false}); });
   for (const char* name : {"cameras", "images", "points3D"})
     fs::remove(folder() / "sparse" / fmt::format("{}.{}", name, extension));
 }
@@ -238,8 +238,8 @@ std::vector<std::string> seed_colmap_binary() {
 void run_json(Data d) {
   put("transforms.json", d);
   put("transforms_train.json", d);
-  expect_error_only([] { load_dataset(folder(), {.layout = "nerfstudio", .load_images = false}); });
-  expect_error_only([] { load_dataset(folder(), {.layout = "blender", .load_images = false}); });
+  expect_error_only([] { load_dataset(folder(), {.read = {.layout = "nerfstudio"}, .load_images = false}); });
+  expect_error_only([] { load_dataset(folder(), {.read = {.layout = "blender"}, .load_images = false}); });
 }
 std::vector<std::string> seed_json() {
   return {
@@ -253,7 +253,7 @@ std::vector<std::string> seed_json() {
 void run_npy(Data d) {
   const fs::path path = put("poses_bounds.npy", d);
   expect_error_only([&] { read_npy(path); });
-  expect_error_only([] { load_dataset(folder(), {.layout = "llff", .load_images = false}); });
+  expect_error_only([] { load_dataset(folder(), {.read = {.layout = "llff"}, .load_images = false}); });
 }
 std::vector<std::string> seed_npy() {
   std::vector<float> row{0, 1, 0, 0, 96, -1, 0, 0, 0, 128, 0, 0, 1, 0, 100, 2, 9};
@@ -287,7 +287,7 @@ void run_packed(Data d) {
   add<std::uint64_t>(file, length);
   file.append(reinterpret_cast<const char*>(d.data()) + 2, d.size() - 2);
   const fs::path path = put("x.ubsd", {reinterpret_cast<const std::uint8_t*>(file.data()), file.size()});
-  expect_error_only([&] { load_dataset(path, {.layout = "packed"}); });
+  expect_error_only([&] { load_dataset(path, {.read = {.layout = "packed"}}); });
 }
 std::vector<std::string> seed_packed() {
   std::vector<std::string> seeds;
