@@ -18,7 +18,7 @@ packages=(
   libclblast-dev
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
   libopencv-features2d-dev libopencv-calib3d-dev
-  libjpeg-dev libpng-dev                                     # JPEG and PNG with damage as errors
+  libturbojpeg0-dev libpng-dev                               # JPEG and PNG with damage as errors
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
   libboost-dev                                               # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional

@@ -25,14 +25,6 @@ bool is_exr(std::span<const std::byte> bytes) {
   return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
 }
 
-// Jpeg or png pixels.
-template <typename Pixels>
-cv::Mat matrix_of(const Pixels& pixels, int depth) {
-  return cv::Mat(pixels.height, pixels.width, CV_MAKETYPE(depth, pixels.channels),
-                 const_cast<std::uint8_t*>(pixels.samples.data()))
-      .clone();
-}
-
 // 8 or 16 bits or float, 1, 3 or 4 channels in the order B, G, R(, A).
 // Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
 // data set describe the stored pixels.
@@ -42,12 +34,10 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
   cv::Mat image;
   try {
     if (is_jpeg(bytes)) {
-      if (const auto jpeg = decode_jpeg(bytes, path.string())) return matrix_of(*jpeg, CV_8U);
+      image = decode_jpeg(bytes, path.string());
+      if (!image.empty()) return image;
     }
-    if (is_png(bytes)) {
-      const PngPixels png = decode_png(bytes, path.string());
-      return matrix_of(png, png.bytes == 2 ? CV_16U : CV_8U);
-    }
+    if (is_png(bytes)) return decode_png(bytes, path.string());
     if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())  // as in programs that use libubs
       fail(ErrorKind::data,
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
@@ -56,7 +46,8 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
     image = opencv().imdecode(encoded, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
-    fail(ErrorKind::data, "{}: cannot decode: {}", path.string(), error.err);
+    fail(error.code == cv::Error::StsNoMem ? ErrorKind::memory : ErrorKind::data, "{}: cannot decode: {}",
+         path.string(), error.err);
   }
   if (image.empty())
     fail(ErrorKind::data, "{}: cannot decode: unknown format or damaged file", path.string());

@@ -2,12 +2,9 @@
 // See jpeg.hpp.
 #include "host/data/jpeg.hpp"
 
-#include <cstdio>
-// libjpeg's headers need FILE from the line above.
-#include <jerror.h>
-#include <jpeglib.h>
+#include <turbojpeg.h>
 
-#include <csetjmp>
+#include <memory>
 
 #include "host/base/error.hpp"
 #include "host/data/image.hpp"
@@ -16,74 +13,8 @@ namespace ubs {
 namespace {
 
 // A block of 64 samples takes one bit at least, and the most reduced chroma leaves 18 blocks for 1024 pixels:
-// no Huffman code gets beyond 456 pixels a byte. Libjpeg allocates before it decodes.
+// no Huffman code gets beyond 456 pixels a byte. TurboJPEG allocates before it decodes.
 constexpr std::size_t kMaxJpegPixelsPerByte = 1000;
-
-struct Failure {
-  jpeg_error_mgr manager;  // first: libjpeg knows its address only
-  std::jmp_buf back;
-  char message[JMSG_LENGTH_MAX];
-};
-
-[[noreturn]] void leave(j_common_ptr info) {
-  auto* failure = reinterpret_cast<Failure*>(info->err);
-  info->err->format_message(info, failure->message);
-  std::longjmp(failure->back, 1);
-}
-
-// Levels from 0 are traces. Marks of versions and colour transforms of other programs do no harm.
-void warn(j_common_ptr info, int level) {
-  const int code = info->err->msg_code;
-  if (level < 0 && code != JWRN_JFIF_MAJOR && code != JWRN_ADOBE_XFORM) leave(info);
-}
-
-void silent(j_common_ptr) {}
-
-// What libjpeg fills; nothing here has a destructor, because errors jump over them.
-struct Decoder {
-  jpeg_decompress_struct info;
-  Failure failure;
-};
-
-// Decodes all rows into `pixels`, reporting through the jump in `decoder.failure`. False after an error.
-bool decode(Decoder& decoder, std::span<const std::byte> file, const std::string& name, JpegPixels& pixels,
-            std::vector<std::uint8_t>& row) {
-  jpeg_decompress_struct& info = decoder.info;
-  info.err = jpeg_std_error(&decoder.failure.manager);
-  info.err->error_exit = leave;
-  info.err->emit_message = warn;
-  info.err->output_message = silent;
-  if (setjmp(decoder.failure.back)) return false;
-  jpeg_create_decompress(&info);
-  jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(file.data()), file.size());
-  jpeg_read_header(&info, TRUE);
-  const std::size_t count = std::size_t{info.image_width} * info.image_height;
-  if (count / kMaxJpegPixelsPerByte > file.size()) {
-    std::snprintf(decoder.failure.message, sizeof decoder.failure.message, "%u x %u pixels in %zu bytes",
-                  info.image_width, info.image_height, file.size());
-    return false;
-  }
-  if (count > kMaxDecodedPixels)
-    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, info.image_width,
-         info.image_height, kMaxDecodedPixels);
-  const bool cmyk = info.num_components == 4;
-  info.out_color_space = cmyk ? JCS_CMYK : info.num_components == 1 ? JCS_GRAYSCALE : JCS_EXT_BGR;
-  jpeg_start_decompress(&info);
-  const std::size_t row_bytes = std::size_t{info.output_width} * info.output_components;
-  pixels.width = static_cast<int>(info.output_width);
-  pixels.height = static_cast<int>(info.output_height);
-  pixels.channels = info.output_components;
-  if (cmyk)
-    row.resize(row_bytes);
-  else
-    pixels.samples.resize(row_bytes * info.output_height);
-  while (info.output_scanline < info.output_height) {
-    JSAMPROW at = cmyk ? row.data() : pixels.samples.data() + row_bytes * info.output_scanline;
-    jpeg_read_scanlines(&info, &at, 1);
-  }
-  jpeg_finish_decompress(&info);  // as far as the end mark
-  return true;
-}
 
 }  // namespace
 
@@ -92,18 +23,34 @@ bool is_jpeg(std::span<const std::byte> file) {
          file[2] == std::byte{0xff};
 }
 
-std::optional<JpegPixels> decode_jpeg(std::span<const std::byte> file, const std::string& name) {
-  Decoder decoder{};
-  struct Destroyer {
-    jpeg_decompress_struct& info;
-    ~Destroyer() { jpeg_destroy_decompress(&info); }
-  } const destroyer{decoder.info};
-  JpegPixels pixels;
-  std::vector<std::uint8_t> row;
-  if (!decode(decoder, file, name, pixels, row))
-    fail(ErrorKind::data, "{}: damaged or cut off JPEG: {}", name, decoder.failure.message);
-  if (pixels.channels == 4) return std::nullopt;
-  return pixels;
+cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
+  const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
+  if (decoder == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
+  const auto damaged = [&](const std::string& what) {
+    fail(ErrorKind::data, "{}: damaged or cut off JPEG: {}", name, what);
+  };
+  const auto* bytes = reinterpret_cast<const unsigned char*>(file.data());
+  int width = 0, height = 0, subsampling = 0, colours = 0;
+  const int read =
+      tjDecompressHeader3(decoder.get(), bytes, file.size(), &width, &height, &subsampling, &colours);
+  // With a size, -1 means a warning, which tjDecompress2 repeats, or a subsampling that has no name in
+  // TurboJPEG, which it can decode.
+  if (width < 1) damaged(read == 0 ? "it holds no image" : tjGetErrorStr2(decoder.get()));
+  const std::size_t count = std::size_t(width) * std::size_t(height);
+  if (count / kMaxJpegPixelsPerByte > file.size())
+    damaged(fmt::format("{} x {} pixels in {} bytes", width, height, file.size()));
+  if (count > kMaxDecodedPixels)
+    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, width, height,
+         kMaxDecodedPixels);
+  const bool grey = colours == TJCS_GRAY, cmyk = colours == TJCS_CMYK || colours == TJCS_YCCK;
+  cv::Mat pixels(height, width, CV_8UC(grey ? 1 : cmyk ? 4 : 3));
+  if (tjDecompress2(decoder.get(), bytes, file.size(), pixels.data, width, 0, height,
+                    grey   ? TJPF_GRAY
+                    : cmyk ? TJPF_CMYK
+                           : TJPF_BGR,
+                    TJFLAG_STOPONWARNING) != 0)
+    damaged(tjGetErrorStr2(decoder.get()));
+  return cmyk ? cv::Mat() : pixels;
 }
 
 }  // namespace ubs

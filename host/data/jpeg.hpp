@@ -1,27 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG files, decoded by libjpeg with its warnings as errors: OpenCV passes over them, and a file that is cut
-// off or damaged then gives a picture that is grey or shifted from some row on, without a word.
+// Decodes JPEG files with TurboJPEG and treats its warnings as errors. OpenCV ignores these warnings, and a
+// file that is cut off or damaged then gives an image that is grey or shifted below some row, without any
+// message.
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
-#include <optional>
+#include <opencv2/core.hpp>
 #include <span>
 #include <string>
-#include <vector>
 
 namespace ubs {
 
 bool is_jpeg(std::span<const std::byte> file);
 
-struct JpegPixels {
-  int width = 0, height = 0, channels = 0;  // 1: grey; 3: B, G, R
-  std::vector<std::uint8_t> samples;        // rows without padding, channels together
-};
-
-// The stored pixels; the orientation tag is not applied. Nothing for files of four components (CMYK), which
-// are decoded all the same, so that damage is found. Throws Error(data) that starts with `name` for whatever
-// libjpeg finds wrong, and for sizes that no file of this length can hold.
-std::optional<JpegPixels> decode_jpeg(std::span<const std::byte> file, const std::string& name);
+// Returns the stored pixels, grey or in the order B, G, R; the orientation tag is not applied. Returns an
+// empty matrix for files of four components (CMYK): these are decoded too, so that damage is found, but their
+// colours are left to OpenCV. Throws Error(data) that starts with `name` for everything that TurboJPEG
+// reports, and for sizes that a file of this length cannot hold.
+cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name);
 
 }  // namespace ubs

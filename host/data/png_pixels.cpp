@@ -45,7 +45,7 @@ void read(png_structp png, png_bytep to, std::size_t size) {
 
 // False after an error, whose message is in the source.
 bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, const std::string& name,
-            PngPixels& pixels, std::vector<png_bytep>& rows) {
+            cv::Mat& pixels) {
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
   png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);  // transparency is an ancillary chunk
@@ -67,17 +67,13 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
       ((type & PNG_COLOR_MASK_ALPHA) != 0 || png_get_valid(png, info, PNG_INFO_tRNS) != 0))
     png_set_gray_to_rgb(png);
   png_set_swap(png);
-  png_set_interlace_handling(png);
+  const int passes = png_set_interlace_handling(png);
   png_read_update_info(png, info);
-  const std::size_t row_bytes = png_get_rowbytes(png, info);
-  pixels.width = static_cast<int>(width);
-  pixels.height = static_cast<int>(height);
-  pixels.channels = png_get_channels(png, info);
-  pixels.bytes = png_get_bit_depth(png, info) / 8;
-  pixels.samples.resize(row_bytes * height);
-  rows.resize(height);
-  for (std::size_t y = 0; y < height; ++y) rows[y] = pixels.samples.data() + y * row_bytes;
-  png_read_image(png, rows.data());
+  pixels.create(
+      static_cast<int>(height), static_cast<int>(width),
+      CV_MAKETYPE(png_get_bit_depth(png, info) == 16 ? CV_16U : CV_8U, png_get_channels(png, info)));
+  for (int pass = 0; pass < passes; ++pass)
+    for (int y = 0; y < pixels.rows; ++y) png_read_row(png, pixels.ptr(y), nullptr);
   png_read_end(png, nullptr);
   return true;
 }
@@ -89,7 +85,7 @@ bool is_png(std::span<const std::byte> file) {
   return file.size() > kSignature.size() && std::equal(kSignature.begin(), kSignature.end(), file.begin());
 }
 
-PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
+cv::Mat decode_png(std::span<const std::byte> file, const std::string& name) {
   Source source{{}, {}, file};
   struct Decoder {
     png_structp png = nullptr;
@@ -99,9 +95,8 @@ PngPixels decode_png(std::span<const std::byte> file, const std::string& name) {
   decoder.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &source, leave, ignore);
   if (decoder.png != nullptr) decoder.info = png_create_info_struct(decoder.png);
   if (decoder.info == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
-  PngPixels pixels;
-  std::vector<png_bytep> rows;
-  if (!decode(decoder.png, decoder.info, source, file.size(), name, pixels, rows))
+  cv::Mat pixels;
+  if (!decode(decoder.png, decoder.info, source, file.size(), name, pixels))
     fail(ErrorKind::data, "{}: damaged or cut off PNG: {}", name, source.message);
   return pixels;
 }

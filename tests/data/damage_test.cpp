@@ -2,9 +2,7 @@
 // Image files that are cut off or damaged are errors, never pictures with some pixels wrong
 // (host/data/jpeg.hpp for JPEG; the libraries behind OpenCV see it in the other formats), and sound ones of
 // every kind have the pixels that OpenCV gives.
-#include <cstdio>
-// libjpeg's header needs FILE from the line above.
-#include <jpeglib.h>
+#include <turbojpeg.h>
 
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -45,30 +43,18 @@ std::string encoded(const char* extension, const cv::Mat& image, const std::vect
   return {bytes.begin(), bytes.end()};
 }
 
-std::string cmyk_jpeg() {
-  jpeg_compress_struct info{};
-  jpeg_error_mgr errors{};
-  info.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&info);
+// A file that OpenCV does not write.
+std::string turbo_jpeg(int width, int height, TJPF format, TJSAMP subsampling) {
+  std::vector<unsigned char> pixels(sample_count(width, height, tjPixelSize[format]));
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<unsigned char>(i * 2 + i / 96);
+  const tjhandle encoder = tjInitCompress();
   unsigned char* bytes = nullptr;
   unsigned long size = 0;
-  jpeg_mem_dest(&info, &bytes, &size);
-  info.image_width = info.image_height = 24;
-  info.input_components = 4;
-  info.in_color_space = JCS_CMYK;
-  jpeg_set_defaults(&info);
-  jpeg_start_compress(&info, TRUE);
-  std::vector<unsigned char> row(4 * 24);
-  while (info.next_scanline < info.image_height) {
-    for (std::size_t i = 0; i < row.size(); ++i)
-      row[i] = static_cast<unsigned char>(i * 2 + info.next_scanline);
-    unsigned char* at = row.data();
-    jpeg_write_scanlines(&info, &at, 1);
-  }
-  jpeg_finish_compress(&info);
-  jpeg_destroy_compress(&info);
+  REQUIRE(tjCompress2(encoder, pixels.data(), width, 0, height, format, &bytes, &size, subsampling, 90, 0) ==
+          0);
   const std::string file(reinterpret_cast<const char*>(bytes), size);
-  free(bytes);
+  tjFree(bytes);
+  tjDestroy(encoder);
   return file;
 }
 
@@ -101,6 +87,13 @@ std::vector<Sample> others() {
           {"colour.bmp", encoded(".bmp", colour)}};
 }
 
+void check_pixels_of_opencv(const Image8& image, const std::string& file) {
+  cv::Mat expected = cv::imdecode(std::vector<char>(file.begin(), file.end()), cv::IMREAD_COLOR);
+  cv::cvtColor(expected, expected, cv::COLOR_BGR2RGB);
+  REQUIRE(image.rgb.size() == 3 * expected.total());
+  CHECK(std::equal(image.rgb.begin(), image.rgb.end(), expected.data));
+}
+
 std::string load_message(const std::filesystem::path& path, const std::string& bytes) {
   put(path, bytes);
   return message_of([&] { load_image(path); });
@@ -113,22 +106,50 @@ TEST_CASE("damage: sound JPEG files have the pixels of OpenCV", "[damage]") {
   for (const Sample& sample : jpegs()) {
     INFO(sample.name);
     put(folder / sample.name, sample.file + "bytes behind the end mark are not of the picture");
-    const Image8 image = load_image(folder / sample.name);
-    cv::Mat expected =
-        cv::imdecode(std::vector<char>(sample.file.begin(), sample.file.end()), cv::IMREAD_COLOR);
-    cv::cvtColor(expected, expected, cv::COLOR_BGR2RGB);
-    REQUIRE(image.rgb.size() == 3 * expected.total());
-    CHECK(std::equal(image.rgb.begin(), image.rgb.end(), expected.data));
+    check_pixels_of_opencv(load_image(folder / sample.name), sample.file);
   }
 }
 
 TEST_CASE("damage: JPEG of four components is decoded where it is whole", "[damage]") {
   TempFolder folder;
-  const std::string file = cmyk_jpeg();
+  const std::string file = turbo_jpeg(24, 24, TJPF_CMYK, TJSAMP_444);
   put(folder / "cmyk.jpg", file);
   CHECK(load_image(folder / "cmyk.jpg").width == 24);
   CHECK_THAT(load_message(folder / "cmyk.jpg", file.substr(0, 2 * file.size() / 3)),
              Contains("cut off JPEG"));
+}
+
+// The four blocks of luma beside each other become four below each other, for which TurboJPEG has no name.
+TEST_CASE("damage: JPEG with a rare subsampling is decoded", "[damage]") {
+  TempFolder folder;
+  std::string file = turbo_jpeg(32, 8, TJPF_RGB, TJSAMP_411);
+  const std::size_t frame = file.find("\xff\xc0");
+  REQUIRE(frame != std::string::npos);
+  std::swap(file[frame + 6], file[frame + 8]);
+  REQUIRE(file[frame + 11] == 0x41);
+  file[frame + 11] = 0x14;
+  put(folder / "rare.jpg", file);
+  const Image8 image = load_image(folder / "rare.jpg");
+  CHECK(image.width == 8);
+  CHECK(image.height == 32);
+  check_pixels_of_opencv(image, file);
+  CHECK_THAT(load_message(folder / "rare.jpg", file.substr(0, file.size() - 6)), Contains("cut off JPEG"));
+}
+
+TEST_CASE("damage: a JPEG without an image, with 12 bits or of an unknown version is an error", "[damage]") {
+  const std::string file = encoded(".jpg", photograph(CV_8UC3));
+  const std::size_t frame = file.find("\xff\xc0");
+  REQUIRE(frame != std::string::npos);
+  const auto refused = [](const std::string& bytes) {
+    return message_of([&] { decode_jpeg(std::as_bytes(std::span(bytes)), "f.jpg"); });
+  };
+  CHECK_THAT(refused(file.substr(0, frame)), Contains("f.jpg: damaged or cut off JPEG: it holds no image"));
+  std::string deep = file;
+  deep[frame + 4] = 12;
+  CHECK_THAT(refused(deep), Contains("f.jpg: damaged or cut off JPEG: ") && Contains("12"));
+  std::string version = file;
+  version[file.find("JFIF") + 5] = 2;
+  CHECK_THAT(refused(version), Contains("f.jpg: damaged or cut off JPEG: ") && Contains("JFIF"));
 }
 
 TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
@@ -148,7 +169,7 @@ TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
 }
 
 // A flipped bit often gives another valid code, which nothing can tell, and so do zeros in the last scans of
-// a progressive file, which refine bits; what libjpeg does notice is an error. In the other files a hole
+// a progressive file, which refine bits; what TurboJPEG does notice is an error. In the other files a hole
 // always shows.
 TEST_CASE("damage: a JPEG with a hole is an error", "[damage]") {
   TempFolder folder;

@@ -22,6 +22,7 @@ namespace {
 struct Kind {
   int colour, bits;
   bool transparent = false, interlaced = false;
+  int gamma = 0;  // of a gAMA chunk, in 1/100000
 };
 
 // Random rows; written by libpng's low level, because OpenCV writes few kinds.
@@ -52,6 +53,7 @@ std::string png_file(const Kind& kind) {
   if (kind.transparent)
     png_set_tRNS(png, info, alphas.data(), static_cast<int>(std::min<std::size_t>(alphas.size(), 200)),
                  &clear);
+  if (kind.gamma > 0) png_set_gAMA_fixed(png, info, kind.gamma);
   png_write_info(png, info);
   const std::size_t row_bytes = png_get_rowbytes(png, info);
   std::vector<std::vector<png_byte>> rows(kHeight, std::vector<png_byte>(row_bytes));
@@ -66,7 +68,7 @@ std::string png_file(const Kind& kind) {
   return file;
 }
 
-PngPixels decoded(const std::string& file) { return decode_png(std::as_bytes(std::span(file)), "f.png"); }
+cv::Mat decoded(const std::string& file) { return decode_png(std::as_bytes(std::span(file)), "f.png"); }
 
 std::vector<Kind> kinds() {
   std::vector<Kind> all;
@@ -90,26 +92,38 @@ TEST_CASE("png: every kind has the pixels of OpenCV") {
     INFO("colour type " << kind.colour << ", " << kind.bits << " bits, transparent " << kind.transparent
                         << ", interlaced " << kind.interlaced);
     const std::string file = png_file(kind);
-    const PngPixels pixels = decoded(file);
+    const cv::Mat pixels = decoded(file);
     const cv::Mat expected = cv::imdecode(std::vector<char>(file.begin(), file.end()), cv::IMREAD_UNCHANGED);
-    REQUIRE(pixels.width == expected.cols);
-    REQUIRE(pixels.height == expected.rows);
-    CHECK(pixels.channels == expected.channels());
-    CHECK(static_cast<std::size_t>(pixels.bytes) == expected.elemSize1());
-    REQUIRE(pixels.samples.size() == expected.total() * expected.elemSize());
-    CHECK(std::equal(pixels.samples.begin(), pixels.samples.end(), expected.data));
+    REQUIRE(pixels.size() == expected.size());
+    REQUIRE(pixels.type() == expected.type());
+    CHECK(std::equal(pixels.datastart, pixels.dataend, expected.data));
   }
 }
 
+TEST_CASE("png: the stored values are not converted by gamma") {
+  for (const Kind& kind : {Kind{PNG_COLOR_TYPE_RGB, 8}, Kind{PNG_COLOR_TYPE_PALETTE, 8},
+                           Kind{PNG_COLOR_TYPE_RGB, 16}, Kind{PNG_COLOR_TYPE_RGB_ALPHA, 16}})
+    for (const int gamma : {45455, 50000, 100000}) {
+      INFO("colour type " << kind.colour << ", " << kind.bits << " bits, gamma " << gamma);
+      const std::string plain = png_file(kind);
+      const std::string tagged = png_file({kind.colour, kind.bits, false, false, gamma});
+      REQUIRE(tagged.size() > plain.size());
+      const cv::Mat expected = decoded(plain), pixels = decoded(tagged);
+      REQUIRE(pixels.size() == expected.size());
+      CHECK(std::equal(pixels.datastart, pixels.dataend, expected.datastart, expected.dataend));
+    }
+}
+
 TEST_CASE("png: a grey value can be transparent") {
-  const PngPixels pixels = decoded(png_file({PNG_COLOR_TYPE_GRAY, 8, true}));
-  REQUIRE(pixels.channels == 4);
+  const cv::Mat pixels = decoded(png_file({PNG_COLOR_TYPE_GRAY, 8, true}));
+  REQUIRE(pixels.type() == CV_8UC4);
   int clear = 0;
-  for (std::size_t i = 0; i < pixels.samples.size(); i += 4) {
-    CHECK(pixels.samples[i] == pixels.samples[i + 1]);
-    CHECK(pixels.samples[i] == pixels.samples[i + 2]);
-    CHECK(pixels.samples[i + 3] == (pixels.samples[i] == 1 ? 0 : 255));
-    clear += pixels.samples[i] == 1;
+  for (auto at = pixels.begin<cv::Vec4b>(); at != pixels.end<cv::Vec4b>(); ++at) {
+    const cv::Vec4b& pixel = *at;
+    CHECK(pixel[0] == pixel[1]);
+    CHECK(pixel[0] == pixel[2]);
+    CHECK(pixel[3] == (pixel[0] == 1 ? 0 : 255));
+    clear += pixel[0] == 1;
   }
   CHECK(clear > 100);
 }
@@ -122,7 +136,7 @@ TEST_CASE("png: what has alpha when it is decoded is not opaque") {
     INFO("colour type " << kind.colour << ", " << kind.bits << " bits, transparent " << kind.transparent);
     const std::string file = png_file(kind);
     put(folder / "f.png", file);
-    const int channels = decoded(file).channels;
+    const int channels = decoded(file).channels();
     CHECK(image_file_info(folder / "f.png").opaque == (channels == 1 || channels == 3));
   }
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The targets for pixels: what OpenCV and libjpeg decode, and masks, up to the image that training sees.
+// The targets for pixels: what OpenCV, TurboJPEG and libpng decode, and masks, up to the image that training
+// sees.
 #include <fcntl.h>
 #include <unistd.h>
 
