@@ -157,6 +157,7 @@
   // Name, unit, decimals, whether more (1) or less (-1) is better, scale, path in metrics.json.
   const quantities = () =>
       [...measureNames().map((name) => [...measure(name), 1, 'test', 'mean', name]),
+       ['PSNR from the poses that fit best', 'dB', 3, 1, 1, 'test', 'mean', 'fitted_pose', 'psnr'],
        ['splats', '', 0, 0, 1, 'splats'],
        ['dimensions N', '', 0, 0, 1, 'dim'],
        ['iterations', '', 0, 0, 1, 'iterations'],
@@ -188,25 +189,19 @@
   const textRow =
       (name, ...path) => [name, ...runs.map((run) => valueText(find(run, ...path), path[path.length - 1]))];
 
-  const cards = (run) => {
-    const card = (value, name) => of('card', element('b', {}, value), element('span', {}, name));
-    const shown = [
-      [2, 1, ' dB', 'PSNR of the test views', 'test', 'mean', 'psnr'],
-      [2, 1, ' dB', 'PSNR from the poses that fit best', 'test', 'mean', 'fitted_pose', 'psnr'],
-      [4, 1, '', 'SSIM', 'test', 'mean', 'ssim'],
-      [0, 1, '', 'splats', 'splats'],
-      [0, 1, '', 'dimensions', 'dim'],
-      [0, 1, '', 'iterations', 'iterations'],
-      [1, 1, ' s', 'training', 'seconds'],
-      [2, 1 / mib, ' MiB', 'model file', 'storage_bytes'],
-    ];
-    return of(
-        'cards', shown.map(([decimals, scale, unit, name, ...path]) => {
-          const value = find(run, ...path);
-          return isNumber(value) ? card(fixed(value * scale, decimals) + unit, name) : null;
-        }),
-        card(stateOf(run), 'state'));
-  };
+  const onCards = [
+    'PSNR, mean over channels', 'PSNR from the poses that fit best', 'SSIM', 'splats', 'dimensions N',
+    'iterations', 'training', 'model file'
+  ];
+  const card = (value, name) => of('card', element('b', {}, value), element('span', {}, name));
+  const cards = (run) =>
+      of('cards', quantities().map(([name, unit, decimals, , scale, ...path]) => {
+        const value = find(run, ...path);
+        return onCards.includes(name) && isNumber(value) ?
+            card(`${fixed(value * scale, decimals)} ${unit}`, name) :
+            null;
+      }),
+         card(stateOf(run), 'state'));
 
   const summary = () => {
     const rows = [

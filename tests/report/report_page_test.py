@@ -58,7 +58,7 @@ def one_run(page, folder, run):
     assert texts(page, "h1") == [HOSTILE[0]] and page.run("document.title") == HOSTILE[0]
     assert page.run("document.querySelector('[onerror]')") is None
     metrics = json.loads((run / "metrics.json").read_text())
-    assert f"{metrics['test']['mean']['psnr']:.2f} dB" in texts(page, ".card b")
+    assert f"{metrics['test']['mean']['psnr']:.3f} dB" in texts(page, ".card b")
     assert len(texts(page, ".plot")) == 4 + page.run("JSON.parse(document.getElementById('ubs-record').textContent).histograms.length")
     assert page.run("document.images.length") == 2 * 5 + 3 * 4 + 6
     names = texts(page, "#measurements tbody th")
