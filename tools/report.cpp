@@ -11,7 +11,6 @@
 #include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
-#include "host/report/model_painter.hpp"
 #include "host/report/report_page.hpp"
 #include "host/run/open_data.hpp"
 #include "host/run/proved_device.hpp"
@@ -312,21 +311,6 @@ void tell_apart(std::vector<ReportRun>& runs, const std::vector<std::string>& pa
       }
 }
 
-Json summary_json(const std::vector<ReportRun>& runs, const ReportPage& page, const std::string& out) {
-  Json list = Json::array();
-  for (const ReportRun& run : runs)
-    list.push_back({{"folder", run.record.folder.string()},
-                    {"views", run.drawings.views.size()},
-                    {"decompositions", run.drawings.decompositions.size()},
-                    {"times", run.drawings.times.size()},
-                    {"remarks", run.record.remarks}});
-  return {{"out", out},
-          {"bytes", page.html.size()},
-          {"pictures", page.pictures},
-          {"picture_bytes", page.picture_bytes},
-          {"runs", std::move(list)}};
-}
-
 int run(ReportOptions& options) {
   files_before_output();
   if (options.out.empty() && options.runs.size() > 1)
@@ -341,7 +325,12 @@ int run(ReportOptions& options) {
   const ReportPage page = make_report(runs, version_line(), viewer);
   write_file_atomically(out, page.html);
   if (options.json) {
-    print_json(summary_json(runs, page, out));
+    Json json{{"out", out},
+              {"bytes", page.html.size()},
+              {"pictures", page.pictures},
+              {"picture_bytes", page.picture_bytes}};
+    json.update(page.record);
+    print_json(json);
     return 0;
   }
   const auto mib = [](std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
@@ -368,7 +357,7 @@ Command add_report(CLI::App& root) {
   app->add_flag("--no-viewer", options->no_viewer, "without the live model on top");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
-  app->add_flag("--json", options->json, "print what was made for machines");
+  app->add_flag("--json", options->json, "print what the page shows for machines, without the pictures");
   return {app, [options] { return run(*options); }};
 }
 

@@ -111,7 +111,7 @@ int run(WebOptions& options) {
       const Image8 still =
           draw_poster(device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
       save_png(options.poster, still);
-      page.poster = page_picture(still, kLongestPoster).uri;
+      page.poster = page_picture(still, kLongestPoster);
     }
     write_file_atomically(options.out, web::web_page(page, settings, model));
   }

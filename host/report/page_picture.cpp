@@ -7,6 +7,7 @@
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "host/base/error.hpp"
 #include "host/data/opencv_parts.hpp"
@@ -20,7 +21,6 @@ namespace {
 // at.
 constexpr int kJpegQuality = 92;
 constexpr std::size_t kPngBytes = 64 << 10;
-constexpr int kLegendWidth = 256, kLegendHeight = 10;
 
 cv::Mat bgr_of(const Image8& image) {
   const cv::Mat rgb(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
@@ -50,14 +50,6 @@ std::uint8_t byte_of(double unit) {
                              : std::uint8_t{0};
 }
 
-Image8 legend(int map, bool reversed) {
-  cv::Mat grey(kLegendHeight, kLegendWidth, CV_8UC1);
-  for (int y = 0; y < grey.rows; ++y)
-    for (int x = 0; x < grey.cols; ++x)
-      grey.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>(reversed ? 255 - x : x);
-  return mapped(grey, map);
-}
-
 void check_same_size(const Image8& a, const Image8& b) {
   if (a.width != b.width || a.height != b.height)
     fail(ErrorKind::internal, "images of {} x {} and {} x {} pixels", a.width, a.height, b.width, b.height);
@@ -67,27 +59,19 @@ constexpr int kErrorMap = cv::COLORMAP_INFERNO, kDepthMap = cv::COLORMAP_VIRIDIS
 
 }  // namespace
 
-PagePicture page_picture(const Image8& image, int longest) {
+std::string page_picture(const Image8& image, int longest) {
   cv::Mat bgr = bgr_of(image);
-  PagePicture picture;
-  const int side = std::max(bgr.cols, bgr.rows);
-  if (side > longest) {
-    picture.reduced = static_cast<double>(side) / longest;
-    const auto reduced = [&](int size) {
-      return std::max(1, static_cast<int>(std::lround(size / picture.reduced)));
-    };
+  if (const double by = static_cast<double>(std::max(bgr.cols, bgr.rows)) / longest; by > 1) {
+    const auto reduced = [&](int size) { return std::max(1, static_cast<int>(std::lround(size / by))); };
     cv::resize(bgr, bgr, {reduced(bgr.cols), reduced(bgr.rows)}, 0, 0, cv::INTER_AREA);
   }
-  picture.width = bgr.cols, picture.height = bgr.rows;
   std::vector<std::uint8_t> bytes = encode(bgr, ".png", {cv::IMWRITE_PNG_COMPRESSION, 9});
   const char* type = "png";
   if (bytes.size() > kPngBytes) {
     bytes = encode(bgr, ".jpg", {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
     type = "jpeg";
   }
-  picture.uri = fmt::format("data:image/{};base64,{}", type, base64(bytes));
-  picture.bytes = picture.uri.size();
-  return picture;
+  return fmt::format("data:image/{};base64,{}", type, base64(bytes));
 }
 
 Image8 error_image(const Image8& a, const Image8& b, double top) {
@@ -132,9 +116,6 @@ Image8 grey_image(std::span<const float> values, int width, int height) {
   for (const float v : values) image.rgb.insert(image.rgb.end(), 3, byte_of(v));
   return image;
 }
-
-Image8 error_legend() { return legend(kErrorMap, false); }
-Image8 depth_legend() { return legend(kDepthMap, true); }
 
 double psnr_channel_mean(const Image8& a, const Image8& b) {
   check_same_size(a, b);

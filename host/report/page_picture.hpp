@@ -3,25 +3,16 @@
 // alpha).
 #pragma once
 
-#include <cstddef>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "host/scene/dataset.hpp"
 
 namespace ubs {
 
-struct PagePicture {
-  std::string uri;            // data:image/png;base64,... or jpeg
-  int width = 0, height = 0;  // of the picture as it is in the page
-  std::size_t bytes = 0;      // of the uri
-  double reduced = 1;         // pixels of the original for one of the picture, along a side; 1: untouched
-};
-
-// PNG where that is small, else JPEG; a longer side of more than `longest` pixels is reduced to that (area
-// mean).
-PagePicture page_picture(const Image8& image, int longest);
+// Returns a picture as a data URI: PNG where that is small, else JPEG. A picture whose longer side has more
+// than `longest` pixels is reduced to that (area mean).
+std::string page_picture(const Image8& image, int longest);
 
 // Mean over the channels of |a - b|, 0 to `top`, from black over red and yellow to white. Throws
 // Error(internal) for different sizes.
@@ -37,10 +28,6 @@ ValueRange depth_range(std::span<const float> depth, std::span<const float> alph
 Image8 depth_image(std::span<const float> depth, std::span<const float> alpha, int width, int height,
                    ValueRange range);
 Image8 grey_image(std::span<const float> values, int width, int height);  // 0 to 1
-
-// A strip of a colour map from left to right, for legends.
-Image8 error_legend();
-Image8 depth_legend();  // left: near
 
 // Means over the channels of the PSNR, of 8-bit images; infinite where a channel is equal.
 double psnr_channel_mean(const Image8& a, const Image8& b);

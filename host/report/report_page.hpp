@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of `ubs report`: one self-contained HTML document about one run, or several side by side. Nothing
-// is fetched when it is opened; it can be read without JavaScript, which only zooms.
+// make_report() makes the page of `ubs report`: one self-contained HTML document about one run, or about
+// several side by side. C++ gathers a record as JSON and the pictures. page.css, page.js and Chart.js, which
+// are embedded, draw tables and charts from them in the browser.
 #pragma once
 
 #include <cstddef>
@@ -24,6 +25,9 @@ struct ReportRun {
 
 struct ReportPage {
   std::string html;
+  // What the page shows (docs/report.md). Pictures are numbers in a list of data URIs, which only the page
+  // has.
+  Json record;
   std::size_t pictures = 0, picture_bytes = 0;  // of their data URIs
 };
 
@@ -34,8 +38,12 @@ struct ReportViewer {
   std::string policy;  // directives for its images and its worker
 };
 
-// At least one run. `made_by`: version line of the program, for the foot of the page.
+// Returns the page about `runs`, at least one. `made_by` is the version line of the program, for the foot of
+// the page.
 ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by,
                        const ReportViewer& viewer = {});
+
+PageCode report_style();
+PageCode report_script();
 
 }  // namespace ubs

@@ -3,11 +3,16 @@
 #include "host/report/run_drawings.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
-#include "host/report/model_painter.hpp"
+#include "host/pipeline/device_groups.hpp"
+#include "host/pipeline/renderer.hpp"
+#include "host/train/run_settings.hpp"
+#include "host/view/scene_frame.hpp"
 
 namespace ubs {
 namespace {
@@ -19,6 +24,54 @@ const struct {
   const char* name;
   BetaRange range;
 } kParts[] = {{"lower half", {0, 0.5}}, {"upper half", {0.5, 1}}, {"top tenth", {0.9, 1}}};
+
+KernelConfig painter_config(const Device& device, const MixedModel& model, const TrainSettings& settings) {
+  KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
+  config.depth = true;
+  config.backward = false;
+  return config;
+}
+
+// Draws a model, and parts of it, from a set of cameras with colour, alpha and depth. Parts are drawn by the
+// stages of the whole model, so that no kernel is built twice.
+class ModelPainter {
+ public:
+  ModelPainter(Device& device, const MixedModel& model, const TrainSettings& settings)
+      : device_(device),
+        model_(device, model, painter_config(device, model, settings)),
+        renderer_(device, model_.stages()),
+        settings_(render_settings(settings)) {}
+
+  void set_cameras(const std::vector<Camera>& cameras) { renderer_.set_cameras(cameras); }
+  RenderedView draw(std::size_t camera) { return draw(camera, model_.view()); }
+
+  // The groups of `part` must have dimensions that the model has. It may be empty.
+  RenderedView draw(std::size_t camera, const MixedModel& part) {
+    std::vector<DeviceModel> models;
+    std::vector<RenderGroup> groups;
+    for (const SplatModel& group : part.groups) {
+      const std::vector<DeviceModel>& whole = model_.groups();
+      const auto like = std::find_if(whole.begin(), whole.end(),
+                                     [&](const DeviceModel& m) { return m.dim() == group.dim; });
+      if (like == whole.end()) fail(ErrorKind::internal, "a part of N = {} of a model without it", group.dim);
+      models.emplace_back(device_, group);
+      groups.push_back(
+          {&model_.stages(static_cast<std::size_t>(like - whole.begin())), models.back().view()});
+    }
+    return draw(camera, groups);
+  }
+
+ private:
+  RenderedView draw(std::size_t camera, std::span<const RenderGroup> groups) {
+    renderer_.forward(groups, static_cast<std::uint32_t>(camera), settings_, false);
+    return renderer_.download();
+  }
+
+  Device& device_;
+  DeviceGroups model_;
+  Renderer renderer_;
+  RenderSettings settings_;
+};
 
 Image8 image_of(const RenderedView& view) {
   return image_from_interleaved(view.rgb, view.width, view.height);
@@ -81,6 +134,17 @@ RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSetting
   for (std::size_t i = views.size(); i < cameras.size(); ++i)
     out.times.push_back({cameras[i].time, image_of(painter.draw(i))});
   return out;
+}
+
+Camera circling_camera(const MixedModel& model, double azimuth, int width, int height) {
+  constexpr double kDegree = std::numbers::pi / 180, kElevation = 25 * kDegree, kFov = 45 * kDegree;
+  SceneFrame frame;
+  if (model.count() > 0) frame = scene_frame(model, {}, {.elevation = kElevation, .fov = kFov});
+  frame.start = std::cos(azimuth) * frame.start + std::sin(azimuth) * cross(frame.up, frame.start);
+  Pose pose = orbit_start(frame);
+  pose.fov = 2 * std::atan(std::tan(kFov / 2) * width / std::min(width, height));
+  pose.time = 0.5;
+  return camera_at(pose, {width, height, frame.extra});
 }
 
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t count) {

@@ -53,6 +53,11 @@ struct RunDrawings {
 RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSettings& settings,
                      const std::vector<View>& views);
 
+// Returns a camera of width x height pixels, 45 degrees along the shorter side, on the orbit that shows the
+// bulk of the model (host/view/scene_frame.hpp) from 25 degrees above, at `azimuth` [rad]. It is for models
+// without cameras of their own.
+Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
+
 // The pictures that `ubs train` left in `folder` (ground truth | render), at most `count`, evenly spaced by
 // name. Files that are no such pictures are told and left out.
 std::vector<DrawnView> saved_renders(const std::filesystem::path& folder, std::size_t count,

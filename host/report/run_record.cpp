@@ -3,6 +3,7 @@
 #include "host/report/run_record.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <sstream>
@@ -30,28 +31,30 @@ std::vector<std::string> fields_of(std::string line) {
   return fields;
 }
 
-// False for what is neither empty nor a finite number.
-bool read_number(const std::string& field, std::optional<double>& value) {
-  if (field.empty()) return true;
+constexpr std::array<const char*, 6> kColumns{"iteration", "seconds",   "loss",
+                                              "splats",    "test_psnr", "test_ssim"};
+using Row = std::array<Json, kColumns.size()>;  // null: nothing was recorded
+
+// Returns null for an empty field, and nothing for a field that is not a finite number.
+std::optional<Json> read_field(const std::string& field) {
+  if (field.empty()) return Json();
   char* end = nullptr;
   const double number = std::strtod(field.c_str(), &end);
-  if (end != field.c_str() + field.size() || !std::isfinite(number)) return false;
-  value = number;
-  return true;
+  if (end != field.c_str() + field.size() || !std::isfinite(number)) return {};
+  return number;
 }
 
-bool read_row(const std::vector<std::string>& head, const std::vector<std::string>& fields, RunLogRow& row) {
-  if (fields.size() != head.size()) return false;
-  std::optional<double> iteration;
-  for (std::size_t i = 0; i < head.size(); ++i) {
-    const std::pair<const char*, std::optional<double>*> columns[] = {
-        {"iteration", &iteration}, {"seconds", &row.seconds},     {"loss", &row.loss},
-        {"splats", &row.splats},   {"test_psnr", &row.test_psnr}, {"test_ssim", &row.test_ssim}};
-    for (const auto& [name, value] : columns)
-      if (head[i] == name && !read_number(fields[i], *value)) return false;
+std::optional<Row> read_row(const std::vector<std::string>& head, const std::vector<std::string>& fields) {
+  if (fields.size() != head.size()) return {};
+  Row row;
+  for (std::size_t c = 0; c < kColumns.size(); ++c) {
+    const auto at = std::find(head.begin(), head.end(), kColumns[c]);
+    if (at == head.end()) continue;
+    const std::optional<Json> value = read_field(fields[static_cast<std::size_t>(at - head.begin())]);
+    if (!value) return {};
+    row[c] = *value;
   }
-  row.iteration = iteration.value_or(0);
-  return iteration.has_value();
+  return row[0].is_null() ? std::nullopt : std::optional(row);
 }
 
 void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
@@ -134,30 +137,32 @@ std::string RunRecord::text(const std::vector<std::string>& path) const {
   return found && found->is_string() ? found->get<std::string>() : "";
 }
 
-std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& origin,
-                                 std::vector<std::string>& remarks) {
+Json parse_log(const std::string& csv, const std::string& origin, std::vector<std::string>& remarks) {
   std::istringstream stream(csv);
   std::string line;
   std::getline(stream, line);
   const std::vector<std::string> head = fields_of(line);
-  std::vector<RunLogRow> rows;
+  Json log = Json::object();
   if (std::find(head.begin(), head.end(), "iteration") == head.end()) {
     remarks.push_back(origin + " has no column iteration: no curves from it");
-    return rows;
+    return log;
   }
+  std::vector<Row> rows;
   std::size_t bad = 0;
   while (std::getline(stream, line)) {
-    RunLogRow row;
-    if (!read_row(head, fields_of(line), row)) {
+    const std::optional<Row> row = read_row(head, fields_of(line));
+    if (!row) {
       ++bad;
       continue;
     }
-    // Behind --on-nan rollback iterations come again.
-    while (!rows.empty() && rows.back().iteration >= row.iteration) rows.pop_back();
-    rows.push_back(row);
+    // With --on-nan rollback, iterations occur again.
+    while (!rows.empty() && rows.back()[0] >= (*row)[0]) rows.pop_back();
+    rows.push_back(*row);
   }
   if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are left out", origin, bad));
-  return rows;
+  for (const Row& row : rows)
+    for (std::size_t c = 0; c < kColumns.size(); ++c) log[kColumns[c]].push_back(row[c]);
+  return log;
 }
 
 std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {

@@ -5,28 +5,23 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "host/base/json.hpp"
 #include "host/spec/train_settings.hpp"
 
 namespace ubs {
 
-struct RunLogRow {
-  double iteration = 0;
-  std::optional<double> seconds, loss, splats, test_psnr, test_ssim;
-};
-
 struct RunRecord {
   std::filesystem::path folder;
-  std::string name;                // of the folder
-  nlohmann::ordered_json metrics;  // metrics.json; null without
+  std::string name;        // of the folder
+  Json metrics;            // metrics.json; null without
   TrainSettings settings;  // as far as they are known to this version, else the defaults; with run_cameras
   std::vector<std::pair<std::string, std::string>> setting_texts;  // as the run has them, also unknown ones
-  std::vector<RunLogRow> log;
+  Json log;  // of log.csv: an array for each column, with null where the field is empty
   std::vector<std::string> remarks;  // what is missing or could not be read
 
   std::filesystem::path model() const { return folder / "model.ply"; }
@@ -36,7 +31,7 @@ struct RunRecord {
   // A number of metrics.json by its path, such as {"test", "mean", "psnr"}; nothing where there is none.
   std::optional<double> number(const std::vector<std::string>& path) const;
   std::string text(const std::vector<std::string>& path) const;  // "" where there is none
-  const nlohmann::ordered_json* find(const std::vector<std::string>& path) const;
+  const Json* find(const std::vector<std::string>& path) const;
 };
 
 // Throws Error(data) where `folder` is no folder, has none of the files of a run, or has a metrics.json that
@@ -47,9 +42,9 @@ RunRecord read_run(const std::filesystem::path& folder);
 // the working folder or the one that the run is in.
 std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
 
-// Columns by the names in the head, in any order; rows with other than numbers are left out and told, and so
-// are files without the column iteration. Empty fields are nothing.
-std::vector<RunLogRow> parse_log(const std::string& csv, const std::string& origin,
-                                 std::vector<std::string>& remarks);
+// Reads the columns that the head names, in any order. Rows with fields that are not numbers are left out
+// with a remark, and so is a file without the column "iteration". Where training went back to an earlier
+// iteration, the later rows count. Returns an empty object where there is no row.
+Json parse_log(const std::string& csv, const std::string& origin, std::vector<std::string>& remarks);
 
 }  // namespace ubs

@@ -9,7 +9,7 @@ namespace {
 std::string page_options(const Scene& scene, bool training) {
   Json options = web::page_scene(scene.frame, scene.cameras);
   options.update({{"training", training}, {"timed", scene.has_time}});
-  return web::script_json(options);
+  return script_json(options);
 }
 
 }  // namespace
@@ -17,7 +17,7 @@ std::string page_options(const Scene& scene, bool training) {
 std::string live_page(const Scene& scene, bool training) {
   const PageCode script = page_script();
   return page_shell(scene.title, {web::viewer_style()}, {script}, "connect-src 'self'; img-src data:",
-                    web::kNoScript + page_markup() +
+                    kNoScript + page_markup() +
                         fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
                                     "</script>\n<script>{}</script>\n",
                                     page_options(scene, training), script.text));

@@ -56,12 +56,6 @@ Json page_scene(const SceneFrame& frame, std::span<const View> cameras) {
           {"cameras", list}};
 }
 
-std::string script_json(const Json& json) {
-  std::string text = json_text(json);
-  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos;) text.replace(at, 1, "\\u003c");
-  return text;
-}
-
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section) {
   return element_markup(page, drawn, section, model_script(model));

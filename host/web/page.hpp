@@ -32,10 +32,6 @@ struct ViewerPage {
 
 // What each page of a scene is told of it: its frame, and the cameras to jump to.
 Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
-// As the content of a script element, which no text of it ends.
-std::string script_json(const Json& json);
-
-inline constexpr const char* kNoScript = "<noscript>This page needs JavaScript.</noscript>\n";
 
 PageCode viewer_style();
 PageCode viewer_script();

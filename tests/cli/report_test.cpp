@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs report as a user meets it: pages of short trainings on embedded scenes, read again tag by tag and
-// picture by picture; comparisons; runs with parts missing; what it refuses.
+// ubs report as a user meets it: the records and pictures in pages of short trainings on embedded scenes;
+// comparisons; runs with parts missing; what it refuses. What a browser makes of a page is in
+// tests/report/report_page_test.py.
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
@@ -16,6 +17,7 @@ namespace ubs {
 namespace {
 
 namespace fs = std::filesystem;
+using Catch::Contains;
 using nlohmann::json;
 using test::contains;
 using test::get;
@@ -25,7 +27,6 @@ using test::put;
 using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
-using Ids = std::set<std::string>;
 
 // Trained once for all tests: runs 'still' (N = 6) and 'moving' (N = 7).
 const TempFolder& trained() {
@@ -102,96 +103,123 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
       CHECK_FALSE((key == "style" || (key.starts_with("on") && key.size() > 2)));
 }
 
-// A well-formed page that fetches nothing, all pictures of which can be decoded and are of the size that they
-// say.
-HtmlCheck read_page(const fs::path& path) {
-  const std::string page = get(path);
-  HtmlCheck check = test::check_html(page);
-  CHECK(check.error == "");
-  check_policy(page, check);
-  CHECK_FALSE(contains(page, "://"));
-  CHECK_FALSE(contains(page, "url("));
-  for (const HtmlElement& e : check.elements)
-    for (const char* key : {"src", "href"})
-      if (const std::string value = e.at(key); !value.empty())
-        CHECK((value.starts_with("data:image/") || value == "data:," ||  // no icon
-               (value.starts_with("#") && check.ids().contains(value.substr(1)))));
-  for (const HtmlElement& image : check.all("img")) {
-    const cv::Mat pixels =
-        cv::imdecode(test::data_uri_bytes(image.at("src"), {"image/png", "image/jpeg"}), cv::IMREAD_COLOR);
-    REQUIRE_FALSE(pixels.empty());
-    CHECK(std::to_string(pixels.cols) == image.at("width"));
-    CHECK(std::to_string(pixels.rows) == image.at("height"));
+struct Page {
+  HtmlCheck html;
+  json record;
+  std::map<std::string, std::vector<cv::Mat>> pictures;  // by what they show
+};
+
+// Returns what the page contains, after checking that it is well-formed, uses no network, and that all its
+// pictures can be decoded and are used.
+Page read_page(const fs::path& path) {
+  const std::string text = get(path);
+  Page page{test::check_html(text), {}, {}};
+  CHECK(page.html.error == "");
+  check_policy(text, page.html);
+  for (const HtmlElement& e : page.html.elements)
+    for (const char* key : {"src", "href"}) CHECK((e.at(key).empty() || e.at(key) == "data:,"));  // no icon
+  const auto data = [&](const std::string& id) {
+    const std::string open = "<script id=\"" + id + "\" type=\"application/json\">";
+    REQUIRE(contains(text, open));
+    const std::size_t begin = text.find(open) + open.size();
+    return json::parse(text.substr(begin, text.find("</script>", begin) - begin));
+  };
+  page.record = data("ubs-record");
+  std::vector<cv::Mat> all;
+  for (const json& uri : data("ubs-pictures")) {
+    all.push_back(cv::imdecode(test::data_uri_bytes(uri.get<std::string>(), {"image/png", "image/jpeg"}),
+                               cv::IMREAD_COLOR));
+    REQUIRE_FALSE(all.back().empty());
   }
-  return check;
+  std::set<std::size_t> used;
+  const auto add = [&](const std::string& kind, const json& number) {
+    const std::size_t n = number.get<std::size_t>();
+    if (used.insert(n).second) page.pictures[kind].push_back(all.at(n));
+  };
+  for (const json& view : page.record["views"])
+    for (const json& run : view["runs"])
+      for (const char* kind : {"truth", "render", "error", "depth", "alpha"})
+        if (run.contains(kind)) add(kind, run[kind]);
+  for (const json& decomposition : page.record["decompositions"])
+    for (const json& part : decomposition["parts"]) add(part["name"], part["picture"]);
+  for (const json& strip : page.record["times"])
+    for (const json& at : strip["pictures"]) add("time", at["picture"]);
+  CHECK(used.size() == all.size());
+  return page;
 }
 
-// Pictures of the page by what they show, legends not counted.
-std::map<std::string, int> pictures(const HtmlCheck& page) {
-  std::map<std::string, int> count;
-  for (const HtmlElement& image : page.all("img")) ++count[image.at("alt")];
-  count.erase("colours");
+std::map<std::string, std::size_t> counts(const Page& page) {
+  std::map<std::string, std::size_t> count;
+  for (const auto& [kind, pictures] : page.pictures) count[kind] = pictures.size();
   return count;
 }
 
-double brightness(const HtmlCheck& page, const std::string& alt) {
-  for (const HtmlElement& image : page.all("img"))
-    if (image.at("alt") == alt) {
-      const cv::Scalar mean = cv::mean(
-          cv::imdecode(test::data_uri_bytes(image.at("src"), {"image/png", "image/jpeg"}), cv::IMREAD_COLOR));
-      return mean[0] + mean[1] + mean[2];
-    }
-  return -1;
+// The sum of the mean colours of the first picture of that kind, at most 765.
+double brightness(const Page& page, const std::string& kind) {
+  const cv::Scalar mean = cv::mean(page.pictures.at(kind).at(0));
+  return mean[0] + mean[1] + mean[2];
+}
+
+bool has_histogram(const Page& page, const std::string& name) {
+  for (const json& histogram : page.record["histograms"])
+    if (histogram["name"] == name) return true;
+  return false;
 }
 
 TEST_CASE("report: page of one run", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report still --device cpu");
-  const HtmlCheck page = read_page(folder / "still/report.html");
-  CHECK(page.ids() == Ids{"viewer", "ubs-viewer", "ubs-options", "ubs-model", "ubs-worker", "summary",
-                          "curves", "views", "decomposition", "parameters", "measurements", "settings",
-                          "device"});
-  CHECK(pictures(page) == std::map<std::string, int>{{"ground truth", 3},
-                                                     {"render", 3},
-                                                     {"error", 3},
-                                                     {"depth", 3},
-                                                     {"alpha", 3},
-                                                     {"all splats", 2},
-                                                     {"lower half", 2},
-                                                     {"upper half", 2},
-                                                     {"top tenth", 2}});
-  for (const char* alt : {"ground truth", "render", "error", "depth", "alpha", "all splats"})
-    CHECK(brightness(page, alt) > 3);
-  for (const HtmlElement& image : page.all("img"))
-    if (image.at("alt") != "colours") CHECK((image.at("width") == "32" && image.at("height") == "32"));
+  const Page page = read_page(folder / "still/report.html");
+  CHECK(page.html.ids() == std::set<std::string>{"viewer", "ubs-viewer", "ubs-options", "ubs-model",
+                                                 "ubs-worker", "ubs-record", "ubs-pictures"});
+  CHECK(counts(page) == std::map<std::string, std::size_t>{{"truth", 3},
+                                                           {"render", 3},
+                                                           {"error", 3},
+                                                           {"depth", 3},
+                                                           {"alpha", 3},
+                                                           {"all splats", 2},
+                                                           {"lower half", 2},
+                                                           {"upper half", 2},
+                                                           {"top tenth", 2}});
+  for (const auto& [kind, pictures] : page.pictures)
+    for (const cv::Mat& picture : pictures) CHECK((picture.cols == 32 && picture.rows == 32));
+  for (const char* kind : {"truth", "render", "error", "depth", "alpha", "all splats"})
+    CHECK(brightness(page, kind) > 3);
 
-  const std::string text = get(folder / "still/report.html");
-  const json metrics = json::parse(get(folder / "still/metrics.json"));
-  CHECK(contains(text, fmt::format("{:.3f}", metrics["test"]["mean"]["psnr"].get<double>())));
-  CHECK(contains(text, "3 of the 5 views of split &#39;test&#39;"));
-  for (const char* part : {"raster_backward", "init_points", "device memory at most",
-                           "direction conditioning", "Settings at their default", "prefers-color-scheme"})
-    CHECK(contains(text, part));
-  CHECK(page.all("circle").size() ==
-        3 * 4);  // three evaluations: PSNR and SSIM, by iterations and by seconds
-  CHECK(contains(get(folder / "stdout.txt"), fmt::format("page     still/report.html: {:.2f} MiB",
-                                                         static_cast<double>(text.size()) / 1048576)));
+  const json metrics = json::parse(get(folder / "still/metrics.json")), &run = page.record["runs"][0];
+  CHECK(page.record["title"] == "still");
+  CHECK(run["metrics"] == metrics);
+  CHECK_THAT(run["views_from"], Contains("3 of the 5 views of split 'test'"));
+  CHECK(run["settings"]["init_points"] == "150");
+  CHECK(page.record["defaults"]["init_points"] != "150");
+  std::size_t tested = 0;
+  for (const json& psnr : run["log"]["test_psnr"]) tested += psnr.is_number();
+  CHECK(tested == 3);
+  CHECK(has_histogram(page, "direction conditioning"));
+  for (const json& histogram : page.record["histograms"]) {
+    CHECK(histogram["edges"].size() == histogram["runs"][0]["share"].size() + 1);
+    CHECK(histogram["runs"][0]["values"] > 0);
+  }
+  CHECK(contains(get(folder / "stdout.txt"),
+                 fmt::format("page     still/report.html: {:.2f} MiB",
+                             static_cast<double>(fs::file_size(folder / "still/report.html")) / 1048576)));
 
   // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
-  const std::string mark = "render, ";
-  const double shown = std::stod(text.substr(text.find(mark) + mark.size()));
-  CHECK(shown == Approx(metrics["test"]["views"][0]["psnr"].get<double>()).margin(0.02));
+  const json& view = page.record["views"][0];
+  CHECK(view["name"] == metrics["test"]["views"][0]["name"]);
+  CHECK(view["runs"][0]["psnr"].get<double>() ==
+        Approx(metrics["test"]["views"][0]["psnr"].get<double>()).margin(0.02));
 
   ubs_ok(folder, "report still --device cpu --views 1 --out small.html --json");
   const json made = json::parse(get(folder / "stdout.txt"));
+  const Page small = read_page(folder / "small.html");
   CHECK(made["out"] == "small.html");
-  CHECK(made["bytes"] == get(folder / "small.html").size());
-  CHECK(made["runs"][0]["views"] == 1);
-  CHECK(pictures(read_page(folder / "small.html"))["render"] == 1);
-  CHECK(contains(get(folder / "small.html"), "id=\"ubs-viewer\""));
+  CHECK(made["bytes"] == fs::file_size(folder / "small.html"));
+  for (const char* part : {"runs", "views", "histograms"}) CHECK(made[part] == small.record[part]);
+  CHECK(counts(small)["render"] == 1);
+  CHECK(small.html.ids().contains("ubs-viewer"));
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
-  read_page(folder / "plain.html");
-  CHECK_FALSE(contains(get(folder / "plain.html"), "ubs-viewer"));
+  CHECK_FALSE(read_page(folder / "plain.html").html.ids().contains("ubs-viewer"));
 
   json damaged = metrics;  // a name that is no text is that of no view
   damaged["test"]["views"][0]["name"] = 5;
@@ -203,17 +231,18 @@ TEST_CASE("report: page of one run", "[cli]") {
 TEST_CASE("report: dynamic scenes and names that look like markup", "[cli]") {
   const TempFolder& folder = trained();
   ubs_ok(folder, "report '<i>moving' --device cpu --views 2 --out moving.html");
-  const HtmlCheck page = read_page(folder / "moving.html");
-  CHECK(page.ids().contains("times"));
-  const auto count = pictures(page);
-  CHECK(count.at("lower half") == 3);
-  CHECK(count.at("render") == 2 + 6);
+  const Page page = read_page(folder / "moving.html");
+  CHECK(counts(page)["lower half"] == 3);
+  CHECK(counts(page)["render"] == 2);
+  CHECK(counts(page)["time"] == 6);
+  CHECK(page.record["decompositions"][2]["kind"] == "temporal");
+  CHECK(page.record["views"][0]["time"].is_number());
+  CHECK(page.record["runs"][0]["name"] == "<i>moving");
+  CHECK(page.record["runs"][0]["metrics"]["data"] == "<b>&data");
   const std::string text = get(folder / "moving.html");
-  CHECK(contains(text, "at time "));
-  CHECK(contains(text, "temporal beta"));
-  CHECK(contains(text, "&lt;i&gt;moving"));
-  CHECK(contains(text, "&lt;b&gt;&amp;data"));
+  CHECK(contains(text, "<title>&lt;i&gt;moving</title>"));
   CHECK_FALSE(contains(text, "<i>moving"));
+  CHECK_FALSE(contains(text, "<b>&data"));
 }
 
 TEST_CASE("report: runs side by side", "[cli]") {
@@ -225,28 +254,19 @@ TEST_CASE("report: runs side by side", "[cli]") {
   CHECK(run_ubs(folder, "report still other").code == 2);
   CHECK(contains(get(folder / "stderr.txt"), "--out is required"));
   ubs_ok(folder, "report still other --device cpu --views 2 --out both.html");
-  const HtmlCheck page = read_page(folder / "both.html");
-  auto count = pictures(page);
-  CHECK(count["ground truth"] == 2);  // once for both
+  const Page page = read_page(folder / "both.html");
+  auto count = counts(page);
+  CHECK(count["truth"] == 2);  // once for both
   CHECK(count["render"] == 4);
   CHECK(count["error"] == 4);
   CHECK(count["lower half"] == 3);  // spatial and angular; spatial
-  std::set<std::string> differ;
-  std::size_t better_or_worse = 0;
-  for (const HtmlElement& e : page.elements) {
-    if (e.name == "span" && (e.at("class") == "better" || e.at("class") == "worse")) ++better_or_worse;
-    if (e.name == "tr" && e.at("class") == "differ") differ.insert(e.name);
-  }
-  CHECK(better_or_worse >= 3);
-  CHECK(differ.size() == 1);
-  const std::string text = get(folder / "both.html");
-  CHECK(contains(text, "ground truth as above"));
-  CHECK(contains(text, "<tr class=\"differ\"><th><code>dim</code>"));
-  CHECK(contains(text, "<tr><th><code>init_points</code>"));  // not the default, but the same
+  CHECK(page.record["title"] == "still / other");
+  CHECK(page.record["runs"][0]["settings"]["dim"] != page.record["runs"][1]["settings"]["dim"]);
+  CHECK(page.record["histograms"][0]["runs"].size() == 2);
 
   // Of different scenes: each beside its own ground truth.
   ubs_ok(folder, "report still '<i>moving' --device cpu --views 1 --out scenes.html");
-  CHECK(pictures(read_page(folder / "scenes.html"))["ground truth"] == 2);
+  CHECK(counts(read_page(folder / "scenes.html"))["truth"] == 2);
 }
 
 TEST_CASE("report: runs with parts missing", "[cli]") {
@@ -259,30 +279,34 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   fs::rename(folder / "data", folder / "data-moved");
   ubs_ok(folder, "report away/run --device cpu --overwrite");
   CHECK(contains(get(folder / "stderr.txt"), "data folder data is gone"));
-  HtmlCheck page = read_page(folder / "away/run/report.html");
-  CHECK(contains(get(folder / "away/run/report.html"), "around the model 1"));
-  auto count = pictures(page);
-  CHECK(count["ground truth"] == 3);  // that the run saved
+  Page page = read_page(folder / "away/run/report.html");
+  CHECK(page.record["views"].back()["name"] == "around the model 2");
+  auto count = counts(page);
+  CHECK(count["truth"] == 3);  // that the run saved
   CHECK(count["render"] == 5);
   CHECK(count["depth"] == 2);
   CHECK(brightness(page, "alpha") > 3);
 
   fs::remove_all(folder / "away/run/renders");
   ubs_ok(folder, "report away/run --device cpu --overwrite");
-  CHECK(contains(get(folder / "away/run/report.html"), "no ground truth: views from around the model"));
-  count = pictures(read_page(folder / "away/run/report.html"));
-  CHECK(count["ground truth"] == 0);
+  page = read_page(folder / "away/run/report.html");
+  CHECK(page.record["runs"][0]["views_from"] == "no ground truth: views from around the model");
+  count = counts(page);
+  CHECK(count["truth"] == 0);
   CHECK(count["render"] == 2);
   ubs_ok(folder, "report away/run --device cpu --data data-moved --overwrite");
-  CHECK(pictures(read_page(folder / "away/run/report.html"))["ground truth"] == 3);
+  CHECK(counts(read_page(folder / "away/run/report.html"))["truth"] == 3);
   fs::rename(folder / "data-moved", folder / "data");
 
   copy("bare");
   for (const char* file : {"model.ply", "metrics.json", "config.yaml"}) fs::remove(folder / "bare" / file);
   ubs_ok(folder, "report bare --overwrite");
   page = read_page(folder / "bare/report.html");
-  CHECK(page.ids() == Ids{"summary", "curves", "device"});
-  CHECK(contains(get(folder / "bare/report.html"), "model.ply is missing"));
+  CHECK(page.record["views"].empty());
+  CHECK(page.record["histograms"].empty());
+  CHECK(page.record["runs"][0]["metrics"].is_null());
+  CHECK(page.record["runs"][0]["log"]["loss"].size() > 0);
+  CHECK_THAT(page.record["runs"][0]["remarks"].dump(), Contains("model.ply is missing"));
 
   copy("mixed");  // reduced to several dimensions
   SplatModel flat(3, 40);
@@ -293,8 +317,8 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   fs::remove(folder / "mixed/log.csv");
   ubs_ok(folder, "report mixed --device cpu --views 1 --overwrite");
   page = read_page(folder / "mixed/report.html");
-  CHECK_FALSE(page.ids().contains("curves"));
-  CHECK(pictures(page)["lower half"] == 2);
+  CHECK(page.record["runs"][0]["log"].is_null());
+  CHECK(counts(page)["lower half"] == 2);
 }
 
 TEST_CASE("report: other data in the place of the run's are not its ground truth", "[cli]") {
@@ -307,7 +331,7 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
   const std::string run = (there / "runs/a/still").string();
   const auto truths = [&](const TempFolder& from, const std::string& arguments) {
     ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html --overwrite" + arguments);
-    return pictures(read_page(from / "page.html"))["ground truth"];
+    return counts(read_page(from / "page.html"))["truth"];
   };
   // From a folder above the run nothing is taken; from the working folder only what the run was trained on.
   CHECK(truths(here, "") == 0);
@@ -338,17 +362,16 @@ TEST_CASE("report: runs that were killed and interrupted, beside a finished one"
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
   REQUIRE_FALSE(fs::exists(folder / "killed/model.ply"));
   ubs_ok(folder, "report killed --device cpu");
-  HtmlCheck page = read_page(folder / "killed/report.html");
+  Page page = read_page(folder / "killed/report.html");
   // There is no metrics.json: data, splats and views are those that the checkpoint names.
-  CHECK(page.ids().contains("curves"));
-  CHECK(page.ids().contains("views"));
-  CHECK(page.ids().contains("parameters"));
-  CHECK(pictures(page)["ground truth"] == 3);
-  CHECK(pictures(page)["lower half"] == 2);
+  CHECK(page.record["runs"][0]["log"]["loss"].size() > 0);
+  CHECK(has_histogram(page, "opacity"));
+  CHECK(counts(page)["truth"] == 3);
+  CHECK(counts(page)["lower half"] == 2);
   CHECK(brightness(page, "render") > 3);
-  std::string text = get(folder / "killed/report.html");
-  CHECK(contains(text, "the model is that of the checkpoint, iteration "));
-  CHECK(contains(text, "metrics.json is missing: the run was not finished"));
+  CHECK_THAT(page.record["runs"][0]["remarks"].dump(),
+             Contains("the model is that of the checkpoint, iteration ") &&
+                 Contains("metrics.json is missing: the run was not finished"));
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is missing"));
   CHECK(contains(get(folder / "stdout.txt"), "N = 6"));
 
@@ -356,11 +379,11 @@ TEST_CASE("report: runs that were killed and interrupted, beside a finished one"
   REQUIRE(json::parse(get(folder / "stopped/metrics.json"))["interrupted"] == true);
   ubs_ok(folder, "report still stopped killed --device cpu --views 1 --out three.html");
   page = read_page(folder / "three.html");
-  CHECK(pictures(page)["ground truth"] == 1);
-  CHECK(pictures(page)["render"] == 3);
-  text = get(folder / "three.html");
-  CHECK(contains(text, "interrupted"));
-  CHECK(contains(text, "finished"));
+  CHECK(counts(page)["truth"] == 1);
+  CHECK(counts(page)["render"] == 3);
+  CHECK(page.record["runs"][0]["metrics"]["interrupted"] == false);
+  CHECK(page.record["runs"][1]["metrics"]["interrupted"] == true);
+  CHECK(page.record["runs"][2]["metrics"].is_null());
 
   // A checkpoint that is damaged is an error, and no page is left.
   put(folder / "killed/checkpoint.ubs", get(folder / "killed/checkpoint.ubs").substr(0, 1000));
