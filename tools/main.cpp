@@ -7,9 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
-#include <filesystem>
 #include <iostream>
-#include <new>
 #include <string>
 #include <vector>
 
@@ -120,16 +118,9 @@ int run_reporting_errors(int argc, char** argv) {
     return run(argc, argv);
   } catch (const ubs::tools::ReaderGone&) {
     return ubs::exit_code(ubs::ErrorKind::data);
-  } catch (const ubs::Error& error) {
+  } catch (const std::exception& exception) {
+    const ubs::Error error = ubs::as_error(exception);
     return report(error.what(), ubs::exit_code(error.kind()));
-  } catch (const std::bad_alloc&) {
-    return report("out of memory: use fewer splats, smaller images (--downscale) or fewer views",
-                  ubs::exit_code(ubs::ErrorKind::memory));
-  } catch (const std::filesystem::filesystem_error& error) {  // host/base/paths.hpp should have had it
-    return report(fmt::format("{}: {}", error.path1().string(), error.code().message()),
-                  ubs::exit_code(ubs::ErrorKind::data));
-  } catch (const std::exception& error) {
-    return report(fmt::format("internal: {}", error.what()), ubs::exit_code(ubs::ErrorKind::internal));
   }
 }
 

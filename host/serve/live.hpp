@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A training, or a model, to be looked at in a browser while it is there (docs/web.md). In a build without
-// Boost the constructor of Server says so.
+// LiveTraining and serve_model() show a training or a model in the browser (docs/web.md). In a build without
+// cpp-httplib the constructor of Server throws Error(usage).
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -39,7 +38,9 @@ class LiveTraining {
   ~LiveTraining();
 
   void step(const StepReport& report);
-  void end();  // everybody gets a picture of the last state
+  // Draws the pictures that are waited for once more, of the last state, for two seconds and the picture that
+  // is drawn then at most. To be called when the model is saved.
+  void end();
   std::string summary() const;
 
  private:
@@ -47,8 +48,7 @@ class LiveTraining {
   std::unique_ptr<Implementation> own_;
 };
 
-// Until `stop` says so, which is asked ten times a second.
-void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene,
-                 const std::function<bool()>& stop);
+// Shows a model and never returns: nothing is lost when a signal ends the program.
+void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene);
 
 }  // namespace ubs::serve
