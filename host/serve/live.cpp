@@ -24,7 +24,7 @@ constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
 // For a view of the training, which will need the room as well.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
-constexpr double kLastPictures = 2, kFresh = 1;  // seconds
+constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
 constexpr std::chrono::milliseconds kWait{1000};
 
 // What the run says, or else by what its iterations took so far.
@@ -50,7 +50,7 @@ struct LiveTraining::Implementation {
   std::vector<Point> losses{}, tests{};
   StepReport report{};
   PicturePause pause{kPictures * share, time};
-  Stopwatch begun{time}, published{time};
+  Stopwatch begun{time}, published{time}, last_picture{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
 
@@ -60,10 +60,11 @@ struct LiveTraining::Implementation {
     return painter->draw(std::span(&group, 1), camera, exact, most);
   }
 
-  // Answers the oldest request, if there is one.
-  bool serve() {
-    const Stopwatch watch(time);
-    const bool served = server.serve({}, [&](const PictureRequest& request) -> Picture {
+  // Answers the oldest request, if one comes within `wait`.
+  bool serve(std::chrono::milliseconds wait = {}) {
+    Stopwatch watch(time);
+    const bool served = server.serve(wait, [&](const PictureRequest& request) -> Picture {
+      watch.restart();
       const std::uint64_t most = std::max(kIntersections, trainer.intersections().most);
       std::string bytes = draw(request.camera, request.exact, most);
       return {.bytes = std::move(bytes),
@@ -75,6 +76,7 @@ struct LiveTraining::Implementation {
     spent += watch.seconds();
     ++pictures;
     pause.begin(watch.seconds());
+    last_picture.restart();
     return true;
   }
 
@@ -138,10 +140,12 @@ void LiveTraining::step(const StepReport& report) {
 }
 
 void LiveTraining::end() {
-  own_->publish();
-  const Stopwatch watch(own_->time);
-  while (watch.seconds() < kLastPictures && own_->serve()) {
-  }
+  Implementation& own = *own_;
+  own.publish();
+  const bool watched = own.pictures > 0 && own.last_picture.seconds() < kWatched;
+  const Stopwatch watch(own.time);
+  for (double left; (left = kLastPictures - watch.seconds()) > 0;)
+    if (!own.serve(std::chrono::milliseconds(watched ? static_cast<int>(1000 * left) : 0))) return;
 }
 
 std::string LiveTraining::summary() const {

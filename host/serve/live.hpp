@@ -38,8 +38,8 @@ class LiveTraining {
   ~LiveTraining();
 
   void step(const StepReport& report);
-  // Draws the pictures that are waited for once more, of the last state, for two seconds and the picture that
-  // is drawn then at most. To be called when the model is saved.
+  // Draws pictures of the last state for two seconds at most, and the picture that is drawn at that time. It
+  // waits for requests only if pictures were drawn in the last ten seconds. To be called when the model is saved.
   void end();
   std::string summary() const;
 
