@@ -31,7 +31,8 @@ int exit_code(ErrorKind kind) {
 Error as_error(const std::exception& exception) {
   if (const auto* error = dynamic_cast<const Error*>(&exception)) return *error;
   if (dynamic_cast<const std::bad_alloc*>(&exception))
-    return {ErrorKind::memory, "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
+    return {ErrorKind::memory,
+            "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
   // host/base/paths.hpp should have had it.
   if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
     return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};

@@ -24,9 +24,10 @@ double camera_number(const Json& json, const char* name) {
 // JSON has integers beyond those of a conversion, which would wrap.
 int camera_size(const Json& json, const char* name) {
   const Json& value = camera_member(json, name);
-  const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= kMaxPixelsAcross
-                                               : value.is_number_integer() && value.get<std::int64_t>() >= 0 &&
-                                                     value.get<std::int64_t>() <= kMaxPixelsAcross;
+  const bool fits = value.is_number_unsigned()
+                        ? value.get<std::uint64_t>() <= kMaxPixelsAcross
+                        : value.is_number_integer() && value.get<std::int64_t>() >= 0 &&
+                              value.get<std::int64_t>() <= kMaxPixelsAcross;
   if (!fits) fail(ErrorKind::data, "camera: {} must be a whole number up to {}", name, kMaxPixelsAcross);
   return value.get<int>();
 }

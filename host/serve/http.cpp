@@ -196,17 +196,18 @@ class Http::Library final : public httplib::Server {
       response.body = std::move(reply.body);
       response.set_header("Content-Type", reply.type);
     });
-    set_exception_handler([](const httplib::Request&, httplib::Response& response, std::exception_ptr thrown) {
-      try {
-        std::rethrow_exception(thrown);
-      } catch (const Error& error) {
-        set_line(response, error.kind() == ErrorKind::data ? 400 : 500, error.what());
-      } catch (const std::exception& error) {
-        set_line(response, 500, error.what());
-      } catch (...) {
-        set_line(response, 500, "unknown error");
-      }
-    });
+    set_exception_handler(
+        [](const httplib::Request&, httplib::Response& response, std::exception_ptr thrown) {
+          try {
+            std::rethrow_exception(thrown);
+          } catch (const Error& error) {
+            set_line(response, error.kind() == ErrorKind::data ? 400 : 500, error.what());
+          } catch (const std::exception& error) {
+            set_line(response, 500, error.what());
+          } catch (...) {
+            set_line(response, 500, "unknown error");
+          }
+        });
     set_error_handler([](const httplib::Request&, httplib::Response& response) {
       if (!response.body.empty()) return;
       set_line(response, response.status,

@@ -21,12 +21,13 @@ struct HttpReply {
 
 // What is served, and to whom.
 struct Site {
-  std::string host;      // the name or address that the server was asked to listen at
-  bool loopback = true;  // only programs on this machine can connect
-  std::string token;     // that requests must have in their address; empty: none is needed
-  std::string page;      // HTML, for GET /
+  std::string host;                    // the name or address that the server was asked to listen at
+  bool loopback = true;                // only programs on this machine can connect
+  std::string token;                   // that requests must have in their address; empty: none is needed
+  std::string page;                    // HTML, for GET /
   std::function<std::string()> state;  // returns JSON, for GET /state
-  // Answers POST /picture, whose body is passed. `gone` returns true when the sender has closed the connection.
+  // Answers POST /picture, whose body is passed. `gone` returns true when the sender has closed the
+  // connection.
   std::function<HttpReply(const std::string& body, const std::function<bool()>& gone)> picture;
 };
 

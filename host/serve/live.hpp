@@ -39,7 +39,8 @@ class LiveTraining {
 
   void step(const StepReport& report);
   // Draws pictures of the last state for two seconds at most, and the picture that is drawn at that time. It
-  // waits for requests only if pictures were drawn in the last ten seconds. To be called when the model is saved.
+  // waits for requests only if pictures were drawn in the last ten seconds. To be called when the model is
+  // saved.
   void end();
   std::string summary() const;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Painter renders pictures for visitors, with stages and buffers of its own, so that nothing changes that a
-// training works with. A camera that somebody sends can be anywhere: a view that would need too much memory is
-// refused.
+// training works with. A camera that somebody sends can be anywhere: a view that would need too much memory
+// is refused.
 #pragma once
 
 #include <span>

@@ -140,7 +140,8 @@ struct Server::Implementation {
 
   // Takes the first address of the host that can be had.
   void open(const Address& address) {
-    if (address.host.empty()) fail(ErrorKind::usage, "the host to serve at is empty: give a name or an address");
+    if (address.host.empty())
+      fail(ErrorKind::usage, "the host to serve at is empty: give a name or an address");
     const auto refuse = [&](const char* why) {
       fail(ErrorKind::usage, "cannot serve on port {} of {}: {}; another port, or 0 for a free one?",
            address.port, address.host, why);
@@ -177,10 +178,10 @@ struct Server::Implementation {
     if (std::array<char, 256> own{}; is_unspecified(place) && ::gethostname(own.data(), own.size() - 1) == 0)
       name = own.data();
     if (name.find(':') != std::string::npos) name = "[" + name + "]";
-    const in_port_t port = place.ss_family == AF_INET ? reinterpret_cast<const sockaddr_in&>(place).sin_port
-                                                      : reinterpret_cast<const sockaddr_in6&>(place).sin6_port;
-    url = fmt::format("http://{}:{}/{}", name, ntohs(port),
-                      site.token.empty() ? "" : "?token=" + site.token);
+    const in_port_t port = place.ss_family == AF_INET
+                               ? reinterpret_cast<const sockaddr_in&>(place).sin_port
+                               : reinterpret_cast<const sockaddr_in6&>(place).sin6_port;
+    url = fmt::format("http://{}:{}/{}", name, ntohs(port), site.token.empty() ? "" : "?token=" + site.token);
   }
 
   void spend(double cpu) {
@@ -287,7 +288,8 @@ struct Server::Implementation {
     {
       std::unique_lock lock(mutex);
       changed.wait_for(lock, Seconds(kClosingSeconds), [&] {
-        return std::all_of(connections.begin(), connections.end(), [](const Connection& c) { return c.done; });
+        return std::all_of(connections.begin(), connections.end(),
+                           [](const Connection& c) { return c.done; });
       });
     }
     for (const Connection& one : connections) ::shutdown(one.socket, SHUT_RDWR);

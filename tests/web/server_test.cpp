@@ -87,7 +87,9 @@ Json request_json() {
   return {{"camera", camera_json({.fx = 8, .fy = 8, .cx = 4, .cy = 4, .width = 8, .height = 8})}};
 }
 
-Picture no_picture(const PictureRequest&) { return {.bytes = "picture", .headers = {{"Ubs-Iteration", "7"}}}; }
+Picture no_picture(const PictureRequest&) {
+  return {.bytes = "picture", .headers = {{"Ubs-Iteration", "7"}}};
+}
 
 // Sends a request for a picture and draws until it is answered.
 Answer picture(Server& server, const std::string& body, const Server::Draw& draw = no_picture) {
@@ -127,7 +129,8 @@ TEST_CASE("an exception of any type while a picture is drawn ends that answer an
     CHECK(one_line(answer.body));
     return answer.body;
   };
-  CHECK(thrown([](const PictureRequest&) -> Picture { fail(ErrorKind::memory, "too much"); }) == "too much\n");
+  CHECK(thrown([](const PictureRequest&) -> Picture { fail(ErrorKind::memory, "too much"); }) ==
+        "too much\n");
   thrown([](const PictureRequest&) -> Picture { throw std::bad_alloc(); });
   thrown([](const PictureRequest&) -> Picture { throw std::runtime_error("OpenCV\nwrites\r\nlines"); });
   thrown([](const PictureRequest&) -> Picture { throw std::runtime_error(std::string(10000, 'x')); });
@@ -149,8 +152,8 @@ TEST_CASE("numbers of a request neither wrap nor are rounded") {
     request["camera"][name] = value;
     return request.dump();
   };
-  for (const char* value : {"4294967304", "18446744073709551624", "-8", "true", "8.5", "8.0", "1e300", "\"8\"",
-                            "null", "[8]", "0", "16385"})
+  for (const char* value : {"4294967304", "18446744073709551624", "-8", "true", "8.5", "8.0", "1e300",
+                            "\"8\"", "null", "[8]", "0", "16385"})
     for (const char* name : {"width", "height"}) refused(changed(name, Json::parse(value)));
   for (const char* value : {"true", "1e300", "-1e300", "\"8\"", "null", "[8]"})
     for (const char* name : {"fx", "cy", "time"}) refused(changed(name, Json::parse(value)));
@@ -171,7 +174,8 @@ TEST_CASE("numbers of a request neither wrap nor are rounded") {
   refused(request.dump());
   request["camera"].erase("width");
   refused(request.dump());
-  for (const std::string text : {"", "{", "[]", "7", "{}", "{\"camera\": 7}", "{\"camera\": {\"fx\": 1e999}}"})
+  for (const std::string text :
+       {"", "{", "[]", "7", "{}", "{\"camera\": 7}", "{\"camera\": {\"fx\": 1e999}}"})
     refused(text);
   refused(std::string(3000, '['));
   CHECK(picture(server, request_json().dump()).status == 200);
@@ -211,8 +215,8 @@ TEST_CASE("requests are bounded, and nothing of an answer is cut out or compress
   // Long ranges would need more stack than some threads have; many would multiply the page.
   std::string ranges = "bytes=0-0";
   while (ranges.size() < 8000) ranges += ",0-9";
-  for (const std::string& header : std::vector<std::string>{"Range: bytes=0-1", "range: bytes=0-1,2-3",
-                                                            "RANGE: " + ranges, "Accept-Encoding: gzip, br"}) {
+  for (const std::string& header : std::vector<std::string>{
+           "Range: bytes=0-1", "range: bytes=0-1,2-3", "RANGE: " + ranges, "Accept-Encoding: gzip, br"}) {
     const Answer answer = answer_of(server, with(header + "\r\n"));
     CHECK(answer.status == 200);
     CHECK(answer.body == "<p>page</p>");
@@ -255,7 +259,9 @@ TEST_CASE("closing does not wait for visitors who are silent, slow or do not rea
   const Client deaf(*server);
   deaf.send(post(request_json().dump()));
   // More than the buffers of the system hold.
-  while (!server->serve(10ms, [](const PictureRequest&) { return Picture{std::string(100 << 20, 'x'), {}}; })) {
+  while (!server->serve(10ms, [](const PictureRequest&) {
+    return Picture{std::string(100 << 20, 'x'), {}};
+  })) {
   }
   const Stopwatch watch;
   server.reset();
@@ -290,7 +296,8 @@ TEST_CASE("an address that is not of this machine, taken or empty is refused as 
   const Started server;
   const std::string& url = server.url();
   const int taken = std::stoi(url.substr(url.rfind(':') + 1));
-  for (const Address& address : {Address{"", 0}, Address{" ", 0}, Address{"192.0.2.1", 0}, {"127.0.0.1", taken}}) {
+  for (const Address& address :
+       {Address{"", 0}, Address{" ", 0}, Address{"192.0.2.1", 0}, {"127.0.0.1", taken}}) {
     INFO(address.host);
     try {
       const Server refused(address);
