@@ -420,7 +420,7 @@ Command add_train(CLI::App& root) {
       ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
-                  "percent of the time of training that visitors of --serve may cost [5]")
+                  "percent of the time of training that pictures of --serve may take [5]")
       ->needs(&options->serve.option())
       ->check(from_to(0.1, 100.0))
       ->type_name("PERCENT");

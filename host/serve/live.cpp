@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <thread>
 
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
@@ -19,7 +18,6 @@
 namespace ubs::serve {
 namespace {
 
-constexpr double kPictures = 0.6;                  // of the share; the rest is for the server's threads
 constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
 // For a view of the training, which will need the room as well.
@@ -49,7 +47,7 @@ struct LiveTraining::Implementation {
   };
   std::vector<Point> losses{}, tests{};
   StepReport report{};
-  PicturePause pause{kPictures * share, time};
+  PicturePause pause{share, time};
   Stopwatch begun{time}, published{time}, last_picture{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
@@ -123,8 +121,7 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
                 .seconds = trainer.seconds(),
                 .splats = model.count()};
   own.publish();
-  const unsigned processors = std::max(1u, std::thread::hardware_concurrency());
-  server.start(live_page(scene, true), (1 - kPictures) * own.share * processors);
+  server.start(live_page(scene, true));
   own.begun.restart();
 }
 
@@ -157,7 +154,7 @@ void serve_model(Server& server, ModelSession& session, const MixedModel& model,
   Painter painter(session.device(), session.stages(), session.settings());
   const std::uint64_t most = session.device().info().memory_bytes / 64;  // 24 bytes each, and sorted
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
-  server.start(live_page(scene, false), 1);
+  server.start(live_page(scene, false));
   for (;;)
     server.serve(kWait, [&](const PictureRequest& request) -> Picture {
       const Stopwatch watch;

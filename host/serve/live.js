@@ -8,8 +8,8 @@ const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000,
 const FIXED_PIXELS = 1 << 15;  // a picture costs as much time as these, and its own pixels
 
 const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :
-    s < 3600                   ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
-                                 `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min`;
+    s < 3600 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
+               `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min`;
 
 class Live {
   constructor(root, options) {

@@ -16,7 +16,6 @@
 #include <condition_variable>
 #include <csignal>
 #include <cstring>
-#include <ctime>
 #include <deque>
 #include <list>
 #include <mutex>
@@ -38,6 +37,8 @@ constexpr std::size_t kMaxConnections = 32;
 constexpr int kBacklog = 64;  // connections that the system holds until they are accepted
 constexpr double kPictureSeconds = 120, kClosingSeconds = 1;
 constexpr auto kPeerCheck = 200ms;
+// An answer other than a picture takes 0.2 ms of a processor, so visitors get 2 % of one at most.
+constexpr auto kBetweenConnections = 10ms;
 
 std::string random_token() {
   std::array<unsigned char, 16> bytes{};
@@ -45,12 +46,6 @@ std::string random_token() {
   std::string token;
   for (const unsigned char byte : bytes) token += fmt::format("{:02x}", byte);
   return token;
-}
-
-double cpu_seconds() {  // of this thread
-  timespec used{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used);
-  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
 }
 
 PictureRequest read_request(const std::string& body) {
@@ -86,20 +81,6 @@ HttpReply picture_reply(const Server::Draw& draw, const PictureRequest& request)
   }
 }
 
-bool is_loopback(const sockaddr_storage& address) {
-  if (address.ss_family == AF_INET) {
-    const auto& four = reinterpret_cast<const sockaddr_in&>(address);
-    return ntohl(four.sin_addr.s_addr) >> 24 == 127;
-  }
-  return IN6_IS_ADDR_LOOPBACK(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
-}
-
-bool is_unspecified(const sockaddr_storage& address) {
-  if (address.ss_family == AF_INET)
-    return reinterpret_cast<const sockaddr_in&>(address).sin_addr.s_addr == INADDR_ANY;
-  return IN6_IS_ADDR_UNSPECIFIED(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
-}
-
 // A connection, which is closed when this object goes.
 struct Connection {
   explicit Connection(int descriptor) : socket(descriptor) {}
@@ -123,16 +104,13 @@ struct Server::Implementation {
   Site site;
   std::string url;
   int listener = -1;
-  double cpu_share = 1;
   std::unique_ptr<Http> http;
-  const TimeSource& time = steady_time();
 
-  std::mutex mutex;  // of the members from here to `free_at`
+  std::mutex mutex;  // of the members from here to `pending`
   std::condition_variable changed;
   bool closing = false;
   std::string state = "{}";
   std::deque<std::shared_ptr<PendingPicture>> pending;
-  double free_at = 0;  // when the processor time used so far is within the share again
 
   // Used by the accepting thread, and by the destructor afterwards. The oldest are in front.
   std::list<Connection> connections;
@@ -170,44 +148,34 @@ struct Server::Implementation {
   void describe(const Address& address) {
     sockaddr_storage place{};
     socklen_t size = sizeof place;
-    ::getsockname(listener, reinterpret_cast<sockaddr*>(&place), &size);
+    auto* const any = reinterpret_cast<sockaddr*>(&place);
+    std::array<char, NI_MAXHOST> text{};
+    std::array<char, NI_MAXSERV> port{};
+    ::getsockname(listener, any, &size);
+    ::getnameinfo(any, size, text.data(), text.size(), port.data(), port.size(),
+                  NI_NUMERICHOST | NI_NUMERICSERV);
+    const std::string_view number = text.data();
     site.host = address.host;
-    site.loopback = is_loopback(place);
+    site.loopback = number.starts_with("127.") || number == "::1";
     if (!site.loopback) site.token = random_token();
     std::string name = address.host;
-    if (std::array<char, 256> own{}; is_unspecified(place) && ::gethostname(own.data(), own.size() - 1) == 0)
-      name = own.data();
+    if (number == "0.0.0.0" || number == "::")
+      if (::gethostname(text.data(), text.size() - 1) == 0) name = text.data();
     if (name.find(':') != std::string::npos) name = "[" + name + "]";
-    const in_port_t port = place.ss_family == AF_INET
-                               ? reinterpret_cast<const sockaddr_in&>(place).sin_port
-                               : reinterpret_cast<const sockaddr_in6&>(place).sin6_port;
-    url = fmt::format("http://{}:{}/{}", name, ntohs(port), site.token.empty() ? "" : "?token=" + site.token);
+    url = fmt::format("http://{}:{}/{}", name, port.data(), site.loopback ? "" : "?token=" + site.token);
   }
 
-  void spend(double cpu) {
-    const std::lock_guard lock(mutex);
-    free_at = std::max(free_at, time.seconds()) + cpu / cpu_share;
-  }
-
-  // Sleeps for as long as keeps the threads within their share of the processors. Returns false when the
-  // server is closing.
-  bool rest(double seconds = 0) {
+  // Returns false when the server is closing.
+  bool rest() {
     std::unique_lock lock(mutex);
-    const double left = std::max(seconds, free_at - time.seconds());
-    return !changed.wait_for(lock, Seconds(std::max(left, 0.0)), [&] { return closing; });
+    return !changed.wait_for(lock, kBetweenConnections, [&] { return closing; });
   }
 
-  void accept() {
-    for (double before = cpu_seconds(); rest();) {
+  void accept() noexcept {
+    while (rest()) {
       pollfd one{.fd = listener, .events = POLLIN, .revents = 0};
       ::poll(&one, 1, -1);
-      const int socket = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC);
-      if (socket >= 0)
-        take(socket);
-      else
-        rest(0.1);  // no descriptors are left, or the client is gone already
-      const double now = cpu_seconds();
-      spend(now - std::exchange(before, now));
+      if (const int socket = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC); socket >= 0) take(socket);
     }
   }
 
@@ -256,7 +224,6 @@ struct Server::Implementation {
   void converse(Connection& connection) noexcept {
     http->answer(connection.socket, [&] { connection.admitted = true; });
     ::shutdown(connection.socket, SHUT_RDWR);
-    spend(cpu_seconds());
     const std::lock_guard lock(mutex);
     connection.done = true;
     changed.notify_all();
@@ -267,7 +234,7 @@ struct Server::Implementation {
     std::unique_lock lock(mutex);
     pending.push_back(own);
     changed.notify_all();
-    const Stopwatch watch(time);
+    const Stopwatch watch;
     while (!changed.wait_for(lock, kPeerCheck, [&] { return own->reply || closing; }))
       if (watch.seconds() > kPictureSeconds || gone()) break;
     std::erase(pending, own);
@@ -304,9 +271,8 @@ Server::~Server() { own_->close(); }
 
 const std::string& Server::url() const { return own_->url; }
 
-void Server::start(std::string page, double cpu_share) {
+void Server::start(std::string page) {
   Implementation& own = *own_;
-  own.cpu_share = cpu_share;
   own.site.page = std::move(page);
   own.site.state = [&own] {
     const std::lock_guard lock(own.mutex);

@@ -42,8 +42,7 @@ class Server {
 
   // Returns the address for browsers. It has the token that is required where other machines can connect.
   const std::string& url() const;
-  // Begins to answer. `cpu_share`: how many processors the threads of the server may use on average.
-  void start(std::string page, double cpu_share);
+  void start(std::string page);     // begins to answer
   void publish(std::string state);  // JSON, for /state
 
   using Draw = std::function<Picture(const PictureRequest&)>;

@@ -99,9 +99,7 @@ Answer picture(Server& server, const std::string& body, const Server::Draw& draw
 }
 
 struct Started : Server {
-  explicit Started(double cpu_share = 1, const std::string& host = "127.0.0.1") : Server({host, 0}) {
-    start("<p>page</p>", cpu_share);
-  }
+  explicit Started(const std::string& host = "127.0.0.1") : Server({host, 0}) { start("<p>page</p>"); }
 };
 
 bool one_line(const std::string& text) {
@@ -235,7 +233,7 @@ TEST_CASE("a connection answers one request") {
 }
 
 TEST_CASE("who holds connections without asking keeps nobody out") {
-  Started server(1, "0.0.0.0");
+  Started server("0.0.0.0");
   const std::string token = server.url().substr(server.url().find('?'));
   std::vector<Client> held;
   for (int i = 0; i < 200; ++i) {
@@ -279,17 +277,6 @@ TEST_CASE("who waits for a picture at the end is told that it has ended") {
     status = waiting.answer().status;
   }
   CHECK(status == 410);
-}
-
-TEST_CASE("processor time that is used up holds up new visitors, not the end") {
-  std::optional<Started> server(std::in_place, 1e-9);  // an answer uses up hours
-  CHECK(answer_of(*server, get("/state")).status == 200);
-  const Client next(*server);
-  next.send(get("/state"));
-  const Stopwatch watch;
-  server.reset();
-  CHECK(watch.seconds() < kPrompt);
-  CHECK(next.answer().status == 0);
 }
 
 TEST_CASE("an address that is not of this machine, taken or empty is refused as wrong usage") {
