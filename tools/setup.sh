@@ -21,7 +21,7 @@ packages=(
   libturbojpeg0-dev libpng-dev                               # JPEG and PNG with damage as errors
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
   libjs-chart.js                                             # charts of ubs report
-  libboost-dev                                               # ubs view, ubs train --serve
+  libcpp-httplib-dev                                         # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional
   libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
   python3-venv                                               # pip install . in a fresh environment (docs/python.md)

@@ -77,11 +77,10 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
   });
   progress.finish();
   outcome.interrupted = ranks().of_first(outcome.interrupted) != 0;
-  if (live) live->end();
   return outcome;
 }
 
-// As train(); after an error that leaves the state whole (an image that cannot be read, no memory) it is
+// As train(); after an exception that leaves the state whole (an image that cannot be read, no memory) it is
 // kept.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
@@ -99,12 +98,13 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     const Outcome outcome = train(trainer, folder, progress, guard, live);
     if (outcome.interrupted) save(trainer.state());
     return outcome;
-  } catch (const Error& error) {
+  } catch (const std::exception& exception) {
+    const Error error = as_error(exception);
     progress.finish();
     if (ranks().size() > 1) throw;  // the others do not know
     try {
       if (trainer.state_is_whole() && trainer.iteration() > 0) save(trainer.state());
-    } catch (const Error&) {  // the device is gone: the first error says why
+    } catch (const std::exception&) {  // the device is gone: the first error says why
     }
     if (keeper.saved_iteration() < 0) throw;
     throw Error(error.kind(),
@@ -210,8 +210,9 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
   try {
     write();
     folder.sync_log();
-  } catch (const Error& error) {
+  } catch (const std::exception& exception) {
     if (keeper.saved_iteration() < 0) throw;
+    const Error error = as_error(exception);
     throw Error(error.kind(),
                 fmt::format("{}; the results can be had from iteration {} on: ubs train --resume {}",
                             error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
@@ -275,7 +276,7 @@ int run(const TrainOptions& options) {
   const bool overwrite = options.start.overwrite || start.checkpoint;
   folder.check_files(overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
-  std::optional<EndOnRequest> beforehand(std::in_place);
+  std::optional<EndOnRequest> beforehand("\nubs: interrupted before the first step; no run was begun\n");
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   Json chosen = Json::array();  // not set by anyone
   if (settings.dim == kAutoInt) chosen.push_back("dim");
@@ -371,6 +372,7 @@ int run(const TrainOptions& options) {
     write_results();
   else
     finish(folder, keeper, trainer, settings, write_results);
+  if (live && !guard.interrupted()) live->end();
   if (options.json) print_json(json);
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, peak_bytes, renders);
@@ -418,7 +420,7 @@ Command add_train(CLI::App& root) {
       ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
-                  "percent of the time of training that visitors of --serve may cost [5]")
+                  "percent of the time of training that pictures of --serve may take [5]")
       ->needs(&options->serve.option())
       ->check(from_to(0.1, 100.0))
       ->type_name("PERCENT");

@@ -65,10 +65,10 @@ int run(ViewOptions& options) {
   const serve::Scene scene = served_scene(options.model, loaded.model, views, hints);
   ModelSession session(options.device, loaded.model, {.name = "view", .views = scene.cameras}, settings,
                        false);
-  const InterruptGuard guard;
+  const EndOnRequest guard("");
   remark("ubs: live at {}\n", server.url());
   if (has_desktop()) open_browser(server.url());
-  serve::serve_model(server, session, loaded.model, scene, [&] { return guard.interrupted(); });
+  serve::serve_model(server, session, loaded.model, scene);
   return kInterruptedExitCode;
 }
 

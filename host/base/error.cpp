@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/error.hpp"
 
+#include <filesystem>
+#include <new>
+
 namespace ubs {
 
 int exit_code(ErrorKind kind) {
@@ -23,6 +26,17 @@ int exit_code(ErrorKind kind) {
       return 1;
   }
   return 1;
+}
+
+Error as_error(const std::exception& exception) {
+  if (const auto* error = dynamic_cast<const Error*>(&exception)) return *error;
+  if (dynamic_cast<const std::bad_alloc*>(&exception))
+    return {ErrorKind::memory,
+            "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
+  // host/base/paths.hpp should have had it.
+  if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
+    return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
+  return {ErrorKind::internal, fmt::format("internal: {}", exception.what())};
 }
 
 }  // namespace ubs

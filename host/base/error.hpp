@@ -38,4 +38,7 @@ template <typename... Args>
   throw Error(kind, fmt::format(format, std::forward<Args>(args)...));
 }
 
+// Returns an exception of any type as an Error with the kind that decides the exit code.
+Error as_error(const std::exception& exception);
+
 }  // namespace ubs

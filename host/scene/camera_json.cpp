@@ -2,7 +2,51 @@
 // See camera_json.hpp.
 #include "host/scene/camera_json.hpp"
 
+#include <algorithm>
+
+#include "host/base/error.hpp"
+
 namespace ubs {
+namespace {
+
+const Json& camera_member(const Json& json, const char* name) {
+  const auto found = json.find(name);
+  if (found == json.end()) fail(ErrorKind::data, "camera: no {}", name);
+  return *found;
+}
+
+double camera_number(const Json& json, const char* name) {
+  const Json& value = camera_member(json, name);
+  if (!value.is_number()) fail(ErrorKind::data, "camera: {} must be a number", name);  // not true or false
+  return value.get<double>();
+}
+
+// JSON has integers beyond those of a conversion, which would wrap.
+int camera_size(const Json& json, const char* name) {
+  const Json& value = camera_member(json, name);
+  const bool fits = value.is_number_unsigned()
+                        ? value.get<std::uint64_t>() <= kMaxPixelsAcross
+                        : value.is_number_integer() && value.get<std::int64_t>() >= 0 &&
+                              value.get<std::int64_t>() <= kMaxPixelsAcross;
+  if (!fits) fail(ErrorKind::data, "camera: {} must be a whole number up to {}", name, kMaxPixelsAcross);
+  return value.get<int>();
+}
+
+std::vector<double> camera_numbers(const Json& json, const char* name) {
+  const Json& list = camera_member(json, name);
+  if (!list.is_array() || !std::all_of(list.begin(), list.end(), [](const Json& v) { return v.is_number(); }))
+    fail(ErrorKind::data, "camera: {} must be a list of numbers", name);
+  return list.get<std::vector<double>>();
+}
+
+template <std::size_t count>
+void read_numbers(const Json& json, const char* name, std::array<double, count>& to) {
+  const std::vector<double> list = camera_numbers(json, name);
+  if (list.size() != count) fail(ErrorKind::data, "camera: {} must have {} numbers", name, count);
+  std::copy(list.begin(), list.end(), to.begin());
+}
+
+}  // namespace
 
 Json camera_json(const Camera& c) {
   return {{"rotation", c.rotation},
@@ -18,13 +62,15 @@ Json camera_json(const Camera& c) {
 }
 
 Camera camera_of(const Json& json) {
+  if (!json.is_object()) fail(ErrorKind::data, "camera: not a JSON object");
   Camera c;
-  c.rotation = json.at("rotation").get<std::array<double, 9>>();
-  c.translation = json.at("translation").get<std::array<double, 3>>();
-  json.at("fx").get_to(c.fx), json.at("fy").get_to(c.fy);
-  json.at("cx").get_to(c.cx), json.at("cy").get_to(c.cy);
-  json.at("width").get_to(c.width), json.at("height").get_to(c.height);
-  json.at("time").get_to(c.time), json.at("extra").get_to(c.extra);
+  read_numbers(json, "rotation", c.rotation);
+  read_numbers(json, "translation", c.translation);
+  c.fx = camera_number(json, "fx"), c.fy = camera_number(json, "fy");
+  c.cx = camera_number(json, "cx"), c.cy = camera_number(json, "cy");
+  c.width = camera_size(json, "width"), c.height = camera_size(json, "height");
+  c.time = camera_number(json, "time");
+  c.extra = camera_numbers(json, "extra");
   return c;
 }
 

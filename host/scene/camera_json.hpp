@@ -8,7 +8,8 @@
 namespace ubs {
 
 Json camera_json(const Camera& camera);
-// Throws nlohmann::json::exception where a member is missing or of another kind; checks no value.
+// Throws Error(data) if a member is missing or of another kind. Of values it checks only that sizes are whole
+// numbers up to kMaxPixelsAcross; check_camera() checks the others.
 Camera camera_of(const Json& json);
 
 }  // namespace ubs

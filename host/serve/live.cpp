@@ -12,18 +12,18 @@
 #include "host/device/operations.hpp"
 #include "host/serve/page.hpp"
 #include "host/serve/painter.hpp"
-#include "host/serve/purse.hpp"
+#include "host/serve/picture_pause.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::serve {
 namespace {
 
-constexpr double kPictures = 0.6;                  // of the share; the rest is for answering requests
 constexpr std::size_t kMaxPoints = 400;            // of the curve
 constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
 // For a view of the training, which will need the room as well.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
-constexpr double kLastPictures = 2, kFresh = 1;  // seconds
+constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
+constexpr std::chrono::milliseconds kWait{1000};
 
 // What the run says, or else by what its iterations took so far.
 double seconds_left(const StepReport& report) {
@@ -47,8 +47,8 @@ struct LiveTraining::Implementation {
   };
   std::vector<Point> losses{}, tests{};
   StepReport report{};
-  Purse purse{kPictures * share, time};
-  Stopwatch begun{time}, published{time};
+  PicturePause pause{share, time};
+  Stopwatch begun{time}, published{time}, last_picture{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
 
@@ -58,33 +58,24 @@ struct LiveTraining::Implementation {
     return painter->draw(std::span(&group, 1), camera, exact, most);
   }
 
-  // As the last picture of its kind (JPEG, PNG), which was not smaller or by so many pixels.
-  struct Cost {
-    double seconds = 0, pixels = 0;
-  };
-  std::array<Cost, 2> costs{};
-  static double pixels_of(const Camera& camera) { return static_cast<double>(camera.width) * camera.height; }
-  double cost(const Wish& wish) const {
-    const Cost& last = costs[wish.exact ? 1 : 0];
-    return last.seconds * std::max(1.0, pixels_of(wish.camera) / last.pixels);
-  }
-
-  void answer(const Wish& wish) {
-    const Stopwatch watch(time);
-    Json header{{"id", wish.id}, {"iteration", report.iteration}, {"splats", report.splats}};
-    std::string picture;
-    try {
-      picture = draw(wish.camera, wish.exact, std::max(kIntersections, trainer.intersections().most));
-    } catch (const Error& error) {  // no reason to end a training
-      header["error"] = error.what();
-    }
-    const double seconds = watch.seconds();
-    costs[wish.exact ? 1 : 0] = {seconds, pixels_of(wish.camera)};
-    purse.spend(seconds);
-    spent += seconds;
+  // Answers the oldest request, if one comes within `wait`.
+  bool serve(std::chrono::milliseconds wait = {}) {
+    Stopwatch watch(time);
+    const bool served = server.serve(wait, [&](const PictureRequest& request) -> Picture {
+      watch.restart();
+      const std::uint64_t most = std::max(kIntersections, trainer.intersections().most);
+      std::string bytes = draw(request.camera, request.exact, most);
+      return {.bytes = std::move(bytes),
+              .headers = {{"Ubs-Iteration", std::to_string(report.iteration)},
+                          {"Ubs-Splats", std::to_string(report.splats)},
+                          {"Ubs-Seconds", fmt::format("{:.6f}", pause.period(watch.seconds()))}}};
+    });
+    if (!served) return false;
+    spent += watch.seconds();
     ++pictures;
-    header["wait"] = purse.seconds_for(seconds);
-    server.answer(wish, json_text(header), picture);
+    pause.begin(watch.seconds());
+    last_picture.restart();
+    return true;
   }
 
   static void add(std::vector<Point>& points, int iteration, double value) {
@@ -124,20 +115,14 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
   const Camera& first = scene.cameras.at(0).camera;
-  own.draw(first, false, kUnlimited);
-  for (const bool exact : {false, true}) {
-    const Stopwatch watch(time);
-    own.draw(first, exact, kUnlimited);
-    own.costs[exact ? 1 : 0] = {watch.seconds(), Implementation::pixels_of(first)};
-  }
+  own.draw(first, false, kUnlimited);  // compiles the kernels
   own.report = {.iteration = trainer.iteration(),
                 .iterations = settings.iterations,
                 .seconds = trainer.seconds(),
                 .splats = model.count()};
   own.publish();
-  server.start(live_page(scene, true), (1 - kPictures) * own.share);
+  server.start(live_page(scene, true));
   own.begun.restart();
-  own.purse.open();
 }
 
 LiveTraining::~LiveTraining() = default;
@@ -148,19 +133,16 @@ void LiveTraining::step(const StepReport& report) {
   if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
   if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
   if (report.loss || report.test || own.published.seconds() > kFresh) own.publish();
-  const auto affordable = [&](const Wish& wish) { return own.purse.affords(own.cost(wish)); };
-  if (const std::optional<Wish> wish = own.server.next({}, affordable)) own.answer(*wish);
+  if (own.pause.over()) own.serve();
 }
 
 void LiveTraining::end() {
-  own_->publish();
-  own_->server.ask_again();
-  const Stopwatch watch(own_->time);
-  while (watch.seconds() < kLastPictures) {
-    const std::optional<Wish> wish = own_->server.next();
-    if (!wish) return;
-    own_->answer(*wish);
-  }
+  Implementation& own = *own_;
+  own.publish();
+  const bool watched = own.pictures > 0 && own.last_picture.seconds() < kWatched;
+  const Stopwatch watch(own.time);
+  for (double left; (left = kLastPictures - watch.seconds()) > 0;)
+    if (!own.serve(std::chrono::milliseconds(watched ? static_cast<int>(1000 * left) : 0))) return;
 }
 
 std::string LiveTraining::summary() const {
@@ -168,26 +150,18 @@ std::string LiveTraining::summary() const {
                      100 * own_->spent / own_->begun.seconds());
 }
 
-void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene,
-                 const std::function<bool()>& stop) {
+void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
   Painter painter(session.device(), session.stages(), session.settings());
   const std::uint64_t most = session.device().info().memory_bytes / 64;  // 24 bytes each, and sorted
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
-  server.start(live_page(scene, false), 1);
-  while (!stop()) {
-    const std::optional<Wish> wish = server.next(std::chrono::milliseconds(100));
-    if (!wish) continue;
-    Json header{{"id", wish->id}};
-    std::string picture;
-    const Stopwatch watch;
-    try {
-      picture = painter.draw(session.model().view(), wish->camera, wish->exact, most);
-    } catch (const Error& error) {
-      header["error"] = error.what();
-    }
-    header["wait"] = watch.seconds();
-    server.answer(*wish, json_text(header), picture);
-  }
+  server.start(live_page(scene, false));
+  for (;;)
+    server.serve(kWait, [&](const PictureRequest& request) -> Picture {
+      const Stopwatch watch;
+      std::string bytes = painter.draw(session.model().view(), request.camera, request.exact, most);
+      return {.bytes = std::move(bytes),
+              .headers = {{"Ubs-Seconds", fmt::format("{:.6f}", watch.seconds())}}};
+    });
 }
 
 }  // namespace ubs::serve

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A training, or a model, to be looked at in a browser while it is there (docs/web.md). In a build without
-// Boost the constructor of Server says so.
+// LiveTraining and serve_model() show a training or a model in the browser (docs/web.md). In a build without
+// cpp-httplib the constructor of Server throws Error(usage).
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -33,13 +32,16 @@ struct Scene {
 class LiveTraining {
  public:
   // Builds the kernels, draws a first picture, and answers from now on. `share`: percent of the time that
-  // visitors may cost. What is referred to must outlive this.
+  // pictures may cost. What is referred to must outlive this.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
   void step(const StepReport& report);
-  void end();  // everybody gets a picture of the last state
+  // Draws pictures of the last state for two seconds at most, and the picture that is drawn at that time. It
+  // waits for requests only if pictures were drawn in the last ten seconds. To be called when the model is
+  // saved.
+  void end();
   std::string summary() const;
 
  private:
@@ -47,8 +49,7 @@ class LiveTraining {
   std::unique_ptr<Implementation> own_;
 };
 
-// Until `stop` says so, which is asked ten times a second.
-void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene,
-                 const std::function<bool()>& stop);
+// Shows a model and never returns: nothing is lost when a signal ends the program.
+void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene);
 
 }  // namespace ubs::serve

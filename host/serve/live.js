@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a live training or model: the camera is here, pictures come from the server, one at a time.
-// They have as many pixels as come a few times a second while something moves, and within seconds at rest.
+// The page of a live training or model. The camera is here and the server renders: the page asks for one
+// picture at a time, and for the next one, from the newest camera, when that has come. Pictures have as many
+// pixels as can be had a few times a second while something moves, and within seconds at rest.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
+const FIXED_PIXELS = 1 << 15;  // a picture costs as much time as these, and its own pixels
 
 const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :
-    s < 3600                   ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
-                                 `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min`;
+    s < 3600 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
+               `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min`;
 
 class Live {
   constructor(root, options) {
@@ -38,8 +40,7 @@ class Live {
       home: () => this.jump(this.at),
       p: () => this.save(),
     });
-    new ResizeObserver(() => this.change()).observe(this.canvas);
-    this.connect();
+    new ResizeObserver(() => this.change()).observe(this.canvas);  // and for the first time at once
     this.watch();
   }
 
@@ -50,73 +51,93 @@ class Live {
   }
 
   // ---- Pictures ----
-  connect() {
-    const socket = new WebSocket(`${location.origin.replace('http', 'ws')}/live${location.search}`);
-    this.socket = socket;
-    socket.binaryType = 'arraybuffer';
-    socket.onopen = () => this.change();
-    socket.onmessage = (event) => this.take(event.data);
-    socket.onclose = (event) => {
-      this.closed = true;
-      this.say(event.code === 1001 ? 'It has ended; this is the last picture.' :
-                                     `The connection is lost. ${event.reason}`);
-    };
-  }
-
   change() {
     this.changed = performance.now();
     this.dirty = true;
+    // A picture at rest may take long: the newer camera replaces it.
+    if (this.waiting && this.resting) this.waiting.abort();
     this.ask();
   }
 
+  // Width and height of the next picture, or undefined while there is no room for one, as in a hidden frame.
   size() {
     const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
-    const full = Math.max(1, dots * dots * box.width * box.height);  // 1: hidden, or no room just now
-    const moving = performance.now() - this.changed < REST_MS && this.frames > 0;
-    const pixels = Math.min(MAX_PIXELS, full, (moving ? MOVING_SECONDS : REST_SECONDS) / this.pixelSeconds);
+    const full = dots * dots * box.width * box.height;
+    if (full < 1) return undefined;
+    this.resting = performance.now() - this.changed >= REST_MS || this.frames === 0;
+    const seconds = this.resting ? REST_SECONDS : MOVING_SECONDS;
+    const pixels = Math.min(MAX_PIXELS, full, Math.max(0, seconds / this.pixelSeconds - FIXED_PIXELS));
     const scale = dots * Math.max(Math.sqrt(pixels / full), 48 / Math.max(48, box.width * dots));
-    this.small = moving && pixels < full;
-    return [Math.max(16, Math.floor(box.width * scale)), Math.max(16, Math.floor(box.height * scale))];
+    this.small = !this.resting && pixels < full;
+    return [box.width, box.height].map((side) => Math.min(Math.max(16, Math.floor(side * scale)), 1 << 14));
   }
 
-  ask() {
-    // A newer camera takes the place of one at rest, which may take long.
-    if ((this.waiting && this.small) || this.socket.readyState !== WebSocket.OPEN) return;
+  async ask() {
+    if (this.waiting || this.closed) return;
     clearTimeout(this.later);
     this.dirty = false;
-    this.waiting = true;
-    const [width, height] = this.size(), {rotation, centre, query, ...lens} = this.camera.on(width, height);
+    const size = this.size();
+    if (!size) return;  // the canvas says when it has room again
+    this.waiting = new AbortController();
+    ++this.asked;
+    let again = this.options.training;  // its pictures become old
+    try {
+      await this.draw(await this.request(...size));
+    } catch (error) {
+      again ||= error.again;
+      if (error.name !== 'AbortError') this.say(error.message);
+    }
+    this.waiting = undefined;
+    this.shown = this.asked;
+    if (this.dirty) return this.ask();
+    // A small picture becomes a whole one at rest.
+    if (this.small || again) this.later = setTimeout(() => this.ask(), this.small ? REST_MS : REFRESH_MS);
+  }
+
+  async request(width, height) {
+    const {rotation, centre, query, ...lens} = this.camera.on(width, height);
     const translation = [0, 3, 6].map((r) => -dot(rotation.slice(r, r + 3), centre));
     const [time, ...extra] = query;
     const camera = {...lens, rotation, translation, time, extra};
-    this.socket.send(JSON.stringify({id: ++this.asked, camera}));
+    const post = {
+      method: 'POST',
+      headers: {'Content-Type': 'application/json'},
+      body: JSON.stringify({camera}),
+      signal: this.waiting.signal,
+    };
+    const answer = await this.fetch('picture', post);
+    if (answer.ok) return answer;
+    this.closed = answer.status === 410;
+    const why = this.closed ? 'It has ended; this is the last picture.' : await answer.text();
+    throw Object.assign(new Error(why), {again: answer.status === 503});
   }
 
-  // u32 bytes of the header, the header (JSON), the picture.
-  async take(data) {
-    const length = new DataView(data).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    this.say(header.error || '');
-    if (!header.error) {
-      const picture = await createImageBitmap(new Blob([new Uint8Array(data, 4 + length)]));
-      const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
-      this.canvas.width = Math.max(picture.width, Math.round(box.width * dots));
-      this.canvas.height = Math.max(picture.height, Math.round(box.height * dots));
-      this.canvas.getContext('2d').drawImage(picture, 0, 0, this.canvas.width, this.canvas.height);
-      this.find('.stage').classList.add('drawn');
-      this.pixelSeconds = header.wait / (picture.width * picture.height);
-      this.iteration = header.iteration;
-      ++this.frames;
+  async draw(answer) {
+    const seconds = Number(answer.headers.get('Ubs-Seconds')), blob = await answer.blob();
+    const picture = await createImageBitmap(blob);
+    const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
+    this.canvas.width = Math.max(picture.width, Math.round(box.width * dots));
+    this.canvas.height = Math.max(picture.height, Math.round(box.height * dots));
+    this.canvas.getContext('2d').drawImage(picture, 0, 0, this.canvas.width, this.canvas.height);
+    this.find('.stage').classList.add('drawn');
+    this.pixelSeconds = seconds / (picture.width * picture.height + FIXED_PIXELS);
+    this.iteration = Number(answer.headers.get('Ubs-Iteration'));
+    ++this.frames;
+    this.say('');
+  }
+
+  async fetch(path, options) {
+    try {
+      const answer = await fetch(`${path}${location.search}`, options);
+      if (this.lost) this.say('');
+      this.lost = false;
+      return answer;
+    } catch (error) {
+      if (error.name === 'AbortError') throw error;
+      this.lost = true;
+      const why = 'No connection: it has ended, or cannot be reached. This is the last picture.';
+      throw Object.assign(new Error(why), {again: true});
     }
-    this.shown = header.id;
-    this.waiting = header.id !== this.asked;
-    if (this.waiting) return;
-    if (this.dirty) return this.ask();
-    // A small picture becomes a whole one at rest; one of a training becomes old.
-    if (this.small)
-      this.later = setTimeout(() => this.ask(), REST_MS);
-    else if (this.options.training)
-      this.later = setTimeout(() => this.ask(), REFRESH_MS);
   }
 
   save() {
@@ -135,9 +156,10 @@ class Live {
   // ---- Figures ----
   async watch() {
     try {
-      const answer = await fetch(`state${location.search}`);
+      const answer = await this.fetch('state');
       if (answer.ok) this.show(await answer.json());
-    } catch {  // between two answers the run may end
+    } catch (error) {
+      if (!this.closed) this.say(error.message);
     }
     if (!this.closed) setTimeout(() => this.watch(), 1000);
   }
@@ -155,12 +177,12 @@ class Live {
         `iteration ${state.iteration} of ${state.iterations}, ${duration(state.seconds)}, ` +
         `${duration(state.left)} left; ${memory}` + (loss === undefined ? '' : `; loss ${loss.toFixed(4)}`) +
         (test === undefined ? '' : `; test ${test.toFixed(2)} dB`);
-    this.draw('.loss', state.loss.map(([i, v]) => [i, Math.log(Math.max(v, 1e-9))]), state.iterations);
-    this.draw('.test', state.test, state.iterations);
+    this.curve('.loss', state.loss.map(([i, v]) => [i, Math.log(Math.max(v, 1e-9))]), state.iterations);
+    this.curve('.test', state.test, state.iterations);
   }
 
   // A curve over all iterations, from its least to its greatest value.
-  draw(selector, points, iterations) {
+  curve(selector, points, iterations) {
     const values = points.map((p) => p[1]), low = Math.min(...values), span = Math.max(...values) - low || 1;
     const place = ([i, v]) =>
         `${(300 * i / iterations).toFixed(1)},${(62 - 60 * (v - low) / span).toFixed(1)}`;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws pictures for visitors, with stages and buffers of its own: nothing that a training works with
-// changes. A camera that somebody sends can be anywhere: a view that would need more room than there is for
-// it is refused.
+// Painter renders pictures for visitors, with stages and buffers of its own, so that nothing changes that a
+// training works with. A camera that somebody sends can be anywhere: a view that would need too much memory
+// is refused.
 #pragma once
 
 #include <span>

@@ -1,55 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/serve/server.hpp"
-// clang-format off
-#include <utility>  // Boost 1.74 forgets it
-// clang-format on
 
-#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
 #include <sys/random.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
-#include <boost/asio/awaitable.hpp>
-#include <boost/asio/co_spawn.hpp>
-#include <boost/asio/detached.hpp>
-#include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/host_name.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/post.hpp>
-#include <boost/asio/redirect_error.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/use_awaitable.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
-#include <boost/beast/websocket.hpp>
+#include <cerrno>
+#include <condition_variable>
 #include <csignal>
-#include <ctime>
-#include <future>
-#include <map>
+#include <cstring>
+#include <deque>
+#include <list>
+#include <mutex>
+#include <optional>
 #include <thread>
 
 #include "host/base/error.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/scene/camera_json.hpp"
-#include "host/serve/wishes.hpp"
+#include "host/serve/http.hpp"
 
 namespace ubs::serve {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = beast::http;
-namespace websocket = beast::websocket;
-using asio::ip::tcp;
-using boost::system::error_code;
-using Request = http::request<http::empty_body>;
-using Response = http::response<http::string_body>;
 using namespace std::chrono_literals;
+using Seconds = std::chrono::duration<double>;
 
-constexpr std::size_t kMaxConnections = 64, kMaxHeader = 8192, kMaxMessage = 4096, kMaxReason = 120;
-constexpr auto kPatience = 20s;  // with a visitor who neither reads nor writes
-constexpr double kClosing = 1;   // seconds
+constexpr std::size_t kMaxConnections = 32;
+constexpr int kBacklog = 64;  // connections that the system holds until they are accepted
+constexpr double kPictureSeconds = 120, kClosingSeconds = 1;
+constexpr auto kPeerCheck = 200ms;
+// An answer other than a picture takes 0.2 ms of a processor, so visitors get 2 % of one at most.
+constexpr auto kBetweenConnections = 10ms;
 
 std::string random_token() {
   std::array<unsigned char, 16> bytes{};
@@ -59,385 +48,269 @@ std::string random_token() {
   return token;
 }
 
-// In a time that does not depend on where they differ.
-bool same_token(std::string_view given, std::string_view token) {
-  unsigned different = given.size() == token.size() ? 0 : 1;
-  for (std::size_t i = 0; i < token.size(); ++i)
-    different |= static_cast<unsigned char>(token[i] ^ (i < given.size() ? given[i] : 0));
-  return different == 0;
-}
-
-std::string_view parameter(std::string_view target, std::string_view name) {
-  std::string_view rest = target.substr(std::min(target.find('?'), target.size()));
-  while (!rest.empty()) {
-    rest.remove_prefix(1);
-    const std::string_view part = rest.substr(0, rest.find('&'));
-    rest.remove_prefix(part.size());
-    if (part.starts_with(name) && part.substr(name.size()).starts_with('='))
-      return part.substr(name.size() + 1);
+PictureRequest read_request(const std::string& body) {
+  const Json json = parse_json(body, "request");
+  if (!json.is_object()) fail(ErrorKind::data, "request: not a JSON object");
+  const auto camera = json.find("camera");
+  if (camera == json.end()) fail(ErrorKind::data, "request: no camera");
+  PictureRequest request{.camera = camera_of(*camera)};
+  check_camera(request.camera, "request");
+  const std::int64_t width = request.camera.width, height = request.camera.height;
+  if (width * height > kMaxPicturePixels || std::max(width, height) > kMaxPictureSide)
+    fail(ErrorKind::data, "request: pictures have at most {} pixels, and {} in a row or column",
+         kMaxPicturePixels, kMaxPictureSide);
+  if (const auto exact = json.find("exact"); exact != json.end()) {
+    if (!exact->is_boolean()) fail(ErrorKind::data, "request: exact is true or false");
+    request.exact = exact->get<bool>();
   }
-  return {};
+  return request;
 }
 
-std::string_view without_port(std::string_view host) {
-  return host.starts_with('[') ? host.substr(0, host.find(']') + 1) : host.substr(0, host.find(':'));
-}
-
-std::string_view view_of(beast::string_view text) { return {text.data(), text.size()}; }
-
-void close_on_exec(int descriptor) { fcntl(descriptor, F_SETFD, FD_CLOEXEC); }
-
-double cpu_seconds() {  // of this thread
-  timespec used{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used);
-  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
-}
-
-// Sleeps as long as keeps this thread within its share of the processors.
-class Throttle {
- public:
-  explicit Throttle(double share) : share_(share * std::max(1u, std::thread::hardware_concurrency())) {}
-  void rest(const std::atomic<bool>& stop) {
-    const double now = cpu_seconds();
-    free_ = std::max(free_, time_.seconds()) + (now - used_) / share_;
-    used_ = now;
-    for (double left = 0; (left = free_ - time_.seconds()) > 1e-3 && !stop;)
-      std::this_thread::sleep_for(std::chrono::duration<double>(std::min(left, 0.05)));
+HttpReply picture_reply(const Server::Draw& draw, const PictureRequest& request) {
+  try {
+    Picture picture = draw(request);
+    return {.type = request.exact ? "image/png" : "image/jpeg",
+            .body = std::move(picture.bytes),
+            .headers = std::move(picture.headers)};
+  } catch (const std::bad_alloc&) {
+    return {.status = 500, .body = "out of memory"};
+  } catch (const std::exception& error) {
+    return {.status = 500, .body = error.what()};
+  } catch (...) {
+    return {.status = 500, .body = "unknown error"};
   }
+}
 
- private:
-  double share_, used_ = cpu_seconds();
-  const TimeSource& time_ = steady_time();
-  double free_ = time_.seconds();
+// A connection, which is closed when this object goes.
+struct Connection {
+  explicit Connection(int descriptor) : socket(descriptor) {}
+  Connection(const Connection&) = delete;
+  ~Connection() { ::close(socket); }
+
+  const int socket;
+  std::atomic<bool> admitted = false;  // its request is complete and allowed
+  bool done = false;                   // guarded by the server's mutex
+  std::thread thread;
 };
 
-Wish read_wish(const std::string& text) {
-  const Json json = parse_json(text, "message");
-  Wish wish{.id = json.at("id").get<std::int64_t>(),
-            .camera = camera_of(json.at("camera")),
-            .exact = json.value("exact", false)};
-  check_camera(wish.camera, "message");
-  if (static_cast<std::int64_t>(wish.camera.width) * wish.camera.height > kMaxPixels)
-    fail(ErrorKind::data, "message: pictures have at most {} pixels", kMaxPixels);
-  return wish;
-}
-
-struct Visitor {
-  explicit Visitor(beast::tcp_stream stream)
-      : socket(std::move(stream)), wake(socket.get_executor()), deadline(socket.get_executor()) {}
-  websocket::stream<beast::tcp_stream, false> socket;  // pictures do not deflate
-  asio::steady_timer wake;                             // of the coroutine that sends
-  asio::steady_timer deadline;                         // for what it sends
-  std::uint64_t number = 0;
-  std::optional<Wish> last, later;   // the newest wish; the one that waits for the end of a picture
-  std::optional<std::string> frame;  // to be sent
-  bool busy = false;                 // with a picture that is drawn or sent
-  bool gone = false;
-
-  void leave() {
-    gone = true;
-    beast::get_lowest_layer(socket).close();
-    wake.cancel();
-    deadline.cancel();
-  }
+struct PendingPicture {
+  PictureRequest request;
+  std::optional<HttpReply> reply;
 };
 
 }  // namespace
 
 struct Server::Implementation {
-  bool loopback = true, closing = false;
-  std::string host, token, url, page;
-  std::mutex state_mutex;
-  std::string state = "{}";
-  Wishes wishes;
-  std::map<std::uint64_t, std::shared_ptr<Visitor>> visitors;
-  std::uint64_t visitors_so_far = 0;
-  std::size_t connections = 0;
-  std::thread thread;
-  std::atomic<bool> stop = false;
-  // Last: what still waits in it refers to the members before.
-  asio::io_context io{1};
-  tcp::acceptor acceptor{io};
+  Site site;
+  std::string url;
+  int listener = -1;
+  std::unique_ptr<Http> http;
 
+  std::mutex mutex;  // of the members from here to `pending`
+  std::condition_variable changed;
+  bool closing = false;
+  std::string state = "{}";
+  std::deque<std::shared_ptr<PendingPicture>> pending;
+
+  // Used by the accepting thread, and by the destructor afterwards. The oldest are in front.
+  std::list<Connection> connections;
+  std::thread accepting;
+
+  // Takes the first address of the host that can be had.
   void open(const Address& address) {
-    host = address.host;
-    tcp::resolver resolver(io);
-    const tcp::endpoint wanted = *resolver
-                                      .resolve(address.host, std::to_string(address.port),
-                                               tcp::resolver::passive | tcp::resolver::numeric_service)
-                                      .begin();
-    acceptor.open(wanted.protocol());
-    close_on_exec(acceptor.native_handle());
-    acceptor.set_option(tcp::acceptor::reuse_address(true));
-    acceptor.bind(wanted);
-    acceptor.listen();
-    const tcp::endpoint place = acceptor.local_endpoint();
-    loopback = place.address().is_loopback();
-    if (!loopback) token = random_token();
-    std::string name = place.address().is_unspecified() ? asio::ip::host_name() : host;
-    if (name.find(':') != std::string::npos) name = "[" + name + "]";
-    url = fmt::format("http://{}:{}/{}", name, place.port(), loopback ? "" : "?token=" + token);
+    if (address.host.empty())
+      fail(ErrorKind::usage, "the host to serve at is empty: give a name or an address");
+    const auto refuse = [&](const char* why) {
+      fail(ErrorKind::usage, "cannot serve on port {} of {}: {}; another port, or 0 for a free one?",
+           address.port, address.host, why);
+    };
+    addrinfo hints{};
+    hints.ai_flags = AI_NUMERICSERV;
+    hints.ai_socktype = SOCK_STREAM;
+    addrinfo* found = nullptr;
+    const int error = getaddrinfo(address.host.c_str(), std::to_string(address.port).c_str(), &hints, &found);
+    if (error != 0) refuse(gai_strerror(error));
+    const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owned(found, freeaddrinfo);
+    int reason = EADDRNOTAVAIL;
+    for (; found && listener < 0; found = found->ai_next) {
+      listener = ::socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+      const int on = 1;
+      if (listener >= 0 && ::setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) == 0 &&
+          ::bind(listener, found->ai_addr, found->ai_addrlen) == 0 && ::listen(listener, kBacklog) == 0)
+        break;
+      reason = errno;
+      if (listener >= 0) ::close(std::exchange(listener, -1));
+    }
+    if (listener < 0) refuse(std::strerror(reason));
+    describe(address);
   }
 
-  void run(double cpu_share) {
-    const auto work = asio::make_work_guard(io);
-    asio::co_spawn(io, accept(), asio::detached);
-    Throttle throttle(cpu_share);
-    Stopwatch closes;
-    while (!closing || (!visitors.empty() && closes.seconds() < kClosing)) {
-      if (!closing) closes.restart();
-      if (io.run_one_for(50ms) > 0) io.poll();
-      throttle.rest(stop);
+  void describe(const Address& address) {
+    sockaddr_storage place{};
+    socklen_t size = sizeof place;
+    auto* const any = reinterpret_cast<sockaddr*>(&place);
+    std::array<char, NI_MAXHOST> text{};
+    std::array<char, NI_MAXSERV> port{};
+    ::getsockname(listener, any, &size);
+    ::getnameinfo(any, size, text.data(), text.size(), port.data(), port.size(),
+                  NI_NUMERICHOST | NI_NUMERICSERV);
+    const std::string_view number = text.data();
+    site.host = address.host;
+    site.loopback = number.starts_with("127.") || number == "::1";
+    if (!site.loopback) site.token = random_token();
+    std::string name = address.host;
+    if (number == "0.0.0.0" || number == "::")
+      if (::gethostname(text.data(), text.size() - 1) == 0) name = text.data();
+    if (name.find(':') != std::string::npos) name = "[" + name + "]";
+    url = fmt::format("http://{}:{}/{}", name, port.data(), site.loopback ? "" : "?token=" + site.token);
+  }
+
+  // Returns false when the server is closing.
+  bool rest() {
+    std::unique_lock lock(mutex);
+    return !changed.wait_for(lock, kBetweenConnections, [&] { return closing; });
+  }
+
+  void accept() noexcept {
+    while (rest()) {
+      pollfd one{.fd = listener, .events = POLLIN, .revents = 0};
+      ::poll(&one, 1, -1);
+      if (const int socket = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC); socket >= 0) take(socket);
     }
+  }
+
+  void take(int socket) noexcept {
+    forget_done();
+    std::list<Connection> one;
+    if (connections.size() < kMaxConnections || displace()) try {
+        one.emplace_back(socket);
+      } catch (const std::bad_alloc&) {
+      }
+    if (one.empty()) {
+      ::close(socket);
+      return;
+    }
+    const int on = 1;
+    ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    try {
+      one.back().thread = std::thread([this, &connection = one.back()] { converse(connection); });
+      connections.splice(connections.end(), one);
+    } catch (const std::exception&) {  // no thread can be had
+    }
+  }
+
+  void forget_done() {
+    std::list<Connection> done;
+    {
+      const std::lock_guard lock(mutex);
+      for (auto one = connections.begin(); one != connections.end();)
+        if (const auto here = one++; here->done) done.splice(done.end(), connections, here);
+    }
+    for (Connection& one : done) one.thread.join();
+  }
+
+  // Ends the oldest connection whose request is not complete or not allowed: those who only hold a connection
+  // keep nobody out.
+  bool displace() {
+    const auto oldest =
+        std::find_if(connections.begin(), connections.end(), [](const Connection& c) { return !c.admitted; });
+    if (oldest == connections.end()) return false;
+    ::shutdown(oldest->socket, SHUT_RDWR);
+    oldest->thread.join();
+    connections.erase(oldest);
+    return true;
+  }
+
+  void converse(Connection& connection) noexcept {
+    http->answer(connection.socket, [&] { connection.admitted = true; });
+    ::shutdown(connection.socket, SHUT_RDWR);
+    const std::lock_guard lock(mutex);
+    connection.done = true;
+    changed.notify_all();
+  }
+
+  HttpReply picture(const std::string& body, const std::function<bool()>& gone) {
+    const auto own = std::make_shared<PendingPicture>(PendingPicture{read_request(body), {}});
+    std::unique_lock lock(mutex);
+    pending.push_back(own);
+    changed.notify_all();
+    const Stopwatch watch;
+    while (!changed.wait_for(lock, kPeerCheck, [&] { return own->reply || closing; }))
+      if (watch.seconds() > kPictureSeconds || gone()) break;
+    std::erase(pending, own);
+    if (own->reply) return std::move(*own->reply);
+    if (closing) return {.status = 410, .body = "it has ended"};
+    return {.status = 503, .body = "no picture in time: ask again"};
   }
 
   void close() {
-    closing = true;
-    error_code ignored;
-    acceptor.close(ignored);
-    for (auto& [number, visitor] : visitors) visitor->wake.cancel();
-  }
-
-  asio::awaitable<void> accept() {
-    asio::steady_timer pause(io);
-    while (!closing) {
-      error_code error;
-      tcp::socket socket = co_await acceptor.async_accept(asio::redirect_error(asio::use_awaitable, error));
-      if (error) {  // no descriptors left, or a visitor who went away at once
-        pause.expires_after(100ms);
-        co_await pause.async_wait(asio::redirect_error(asio::use_awaitable, error));
-        continue;
-      }
-      close_on_exec(socket.native_handle());
-      socket.set_option(tcp::no_delay(true), error);
-      if (connections < kMaxConnections)
-        asio::co_spawn(io, session(beast::tcp_stream(std::move(socket))), asio::detached);
+    {
+      const std::lock_guard lock(mutex);
+      closing = true;
     }
-  }
-
-  asio::awaitable<void> session(beast::tcp_stream stream) {
-    ++connections;
-    try {
-      co_await converse(std::move(stream));
-    } catch (const std::exception&) {  // gone, too slow, or does not speak HTTP
+    changed.notify_all();
+    if (listener >= 0) ::shutdown(listener, SHUT_RDWR);  // ends the wait for connections
+    if (accepting.joinable()) accepting.join();
+    for (const Connection& one : connections) ::shutdown(one.socket, SHUT_RD);  // no more requests
+    {
+      std::unique_lock lock(mutex);
+      changed.wait_for(lock, Seconds(kClosingSeconds), [&] {
+        return std::all_of(connections.begin(), connections.end(),
+                           [](const Connection& c) { return c.done; });
+      });
     }
-    --connections;
-  }
-
-  asio::awaitable<void> converse(beast::tcp_stream stream) {
-    beast::flat_buffer buffer(2 * kMaxHeader);
-    for (;;) {
-      http::request_parser<http::empty_body> parser;
-      parser.header_limit(kMaxHeader);
-      stream.expires_after(kPatience);
-      co_await http::async_read(stream, buffer, parser, asio::use_awaitable);
-      const Request request = parser.release();
-      Response response = answer(request);
-      if (response.result() == http::status::switching_protocols) {
-        stream.expires_never();  // its WebSocket has deadlines of its own
-        co_await receive(std::make_shared<Visitor>(std::move(stream)), request);
-        co_return;
-      }
-      stream.expires_after(kPatience);
-      co_await http::async_write(stream, response, asio::use_awaitable);
-      if (!response.keep_alive()) co_return;
-    }
-  }
-
-  bool host_allowed(std::string_view given) const {
-    const std::string_view name = without_port(given);
-    // Where others reach us they need the token, which a page that a name was bent for does not know.
-    return !loopback || name == "localhost" || name == "127.0.0.1" || name == "[::1]" || name == host;
-  }
-
-  bool same_origin(const Request& request) const {
-    if (!request.count(http::field::origin)) return true;  // no browser
-    return view_of(request[http::field::origin]) ==
-           "http://" + std::string(view_of(request[http::field::host]));
-  }
-
-  Response answer(const Request& request) {
-    const std::string_view target = view_of(request.target()), path = target.substr(0, target.find('?'));
-    Response response{http::status::ok, request.version()};
-    response.keep_alive(request.keep_alive());
-    response.set(http::field::cache_control, "no-store");
-    response.set("Referrer-Policy", "no-referrer");  // the address may hold the token
-    response.set("X-Content-Type-Options", "nosniff");
-    response.set("Cross-Origin-Resource-Policy", "same-origin");
-    response.set(http::field::content_type, "text/plain");
-    const auto refuse = [&](http::status status, const char* why) {
-      response.result(status);
-      response.body() = fmt::format("{}\n", why);
-    };
-    if (!host_allowed(view_of(request[http::field::host])))
-      refuse(http::status::misdirected_request, "this server has another name");
-    else if (!token.empty() && !same_token(parameter(target, "token"), token))
-      refuse(http::status::forbidden, "the address that ubs printed has a token");
-    else if (request.method() != http::verb::get)
-      refuse(http::status::method_not_allowed, "nothing but GET");
-    else if (path == "/live" && websocket::is_upgrade(request) && same_origin(request))
-      response.result(http::status::switching_protocols);
-    else if (path == "/live")
-      refuse(http::status::forbidden, "for the page of this server alone");
-    else if (path == "/") {
-      response.set(http::field::content_type, "text/html; charset=utf-8");
-      response.body() = page;
-    } else if (path == "/state") {
-      response.set(http::field::content_type, "application/json");
-      const std::lock_guard lock(state_mutex);
-      response.body() = state;
-    } else {
-      refuse(http::status::not_found, "there are /, /state and /live");
-    }
-    response.prepare_payload();
-    return response;
-  }
-
-  asio::awaitable<void> receive(std::shared_ptr<Visitor> visitor, const Request& request) {
-    auto& socket = visitor->socket;
-    socket.set_option(websocket::stream_base::timeout{kPatience, 2 * kPatience, true});
-    socket.read_message_max(kMaxMessage);
-    socket.auto_fragment(false);
-    socket.binary(true);
-    co_await socket.async_accept(request, asio::use_awaitable);
-    visitor->number = ++visitors_so_far;
-    visitors[visitor->number] = visitor;
-    asio::co_spawn(io, send(visitor), asio::detached);
-    try {
-      co_await listen(*visitor);
-    } catch (const std::exception&) {  // closed, gone, or broken frames
-    }
-    visitor->leave();
-    wishes.drop(visitor->number);
-    visitors.erase(visitor->number);
-  }
-
-  asio::awaitable<void> listen(Visitor& visitor) {
-    beast::flat_buffer buffer;
-    for (;;) {
-      co_await visitor.socket.async_read(buffer, asio::use_awaitable);
-      std::string why;
-      try {
-        Wish wish = read_wish(beast::buffers_to_string(buffer.data()));
-        wish.visitor = visitor.number;
-        visitor.last = wish;
-        ask(visitor, wish);
-      } catch (const std::exception& error) {
-        why = error.what();
-      }
-      buffer.consume(buffer.size());
-      if (why.empty()) continue;
-      if (closing) co_return;
-      visitor.gone = true;  // for the coroutine that sends
-      visitor.wake.cancel();
-      why.resize(std::min(why.size(), kMaxReason));
-      const websocket::close_reason reason(websocket::close_code::policy_error, why);
-      co_await visitor.socket.async_close(reason, asio::use_awaitable);
-      co_return;
-    }
-  }
-
-  // One picture at a time for each visitor: of the wishes that come meanwhile the last one counts.
-  void ask(Visitor& visitor, const Wish& wish) {
-    if (!std::exchange(visitor.busy, true))
-      wishes.put(wish);
-    else if (!wishes.replace(wish))  // it is drawn or sent
-      visitor.later = wish;
-  }
-
-  asio::awaitable<void> send(std::shared_ptr<Visitor> visitor) {
-    error_code error;
-    while (!visitor->gone && !error) {
-      if (visitor->frame) {
-        visitor->deadline.expires_after(kPatience);
-        visitor->deadline.async_wait([visitor](error_code stopped) {
-          if (!stopped) visitor->leave();
-        });
-        co_await visitor->socket.async_write(asio::buffer(*visitor->frame),
-                                             asio::redirect_error(asio::use_awaitable, error));
-        visitor->deadline.cancel();
-        visitor->frame.reset();
-        visitor->busy = false;
-        if (const std::optional<Wish> wish = std::exchange(visitor->later, {})) ask(*visitor, *wish);
-      } else if (closing) {
-        const websocket::close_reason reason(websocket::close_code::going_away, "ended");
-        co_await visitor->socket.async_close(reason, asio::redirect_error(asio::use_awaitable, error));
-        co_return;
-      } else {
-        visitor->wake.expires_at(asio::steady_timer::time_point::max());
-        error_code woken;
-        co_await visitor->wake.async_wait(asio::redirect_error(asio::use_awaitable, woken));
-      }
-    }
-  }
-
-  void deliver(std::uint64_t number, std::string frame) {
-    const auto found = visitors.find(number);
-    if (found == visitors.end()) return;
-    found->second->frame = std::move(frame);
-    found->second->wake.cancel();
+    for (const Connection& one : connections) ::shutdown(one.socket, SHUT_RDWR);
+    for (Connection& one : connections) one.thread.join();
+    if (listener >= 0) ::close(listener);
   }
 };
 
-Server::Server(const Address& address) : own_(std::make_unique<Implementation>()) {
-  try {
-    own_->open(address);
-  } catch (const boost::system::system_error& error) {
-    fail(ErrorKind::usage, "cannot serve on port {} of {}: {}; another port, or 0 for a free one?",
-         address.port, address.host, error.code().message());
-  }
-}
+Server::Server(const Address& address) : own_(std::make_unique<Implementation>()) { own_->open(address); }
 
-Server::~Server() {
-  if (!own_->thread.joinable()) return;
-  asio::post(own_->io, [this] { own_->close(); });
-  own_->stop = true;
-  own_->thread.join();
-  own_->visitors.clear();  // before `io`, which their sockets are of
-}
+Server::~Server() { own_->close(); }
 
 const std::string& Server::url() const { return own_->url; }
 
-void Server::start(std::string page, double cpu_share) {
-  own_->page = std::move(page);
+void Server::start(std::string page) {
+  Implementation& own = *own_;
+  own.site.page = std::move(page);
+  own.site.state = [&own] {
+    const std::lock_guard lock(own.mutex);
+    return own.state;
+  };
+  own.site.picture = [&own](const std::string& body, const std::function<bool()>& gone) {
+    return own.picture(body, gone);
+  };
+  own.http = std::make_unique<Http>(own.site);
   // Signals are for the thread that works.
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
-  own_->thread = std::thread([this, cpu_share] { own_->run(cpu_share); });
+  own.accepting = std::thread([&own] { own.accept(); });
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
 }
 
 void Server::publish(std::string state) {
-  const std::lock_guard lock(own_->state_mutex);
+  const std::lock_guard lock(own_->mutex);
   own_->state = std::move(state);
 }
 
-std::optional<Wish> Server::next(std::chrono::milliseconds wait,
-                                 const std::function<bool(const Wish&)>& take) {
-  return own_->wishes.next(wait, take);
-}
-
-void Server::answer(const Wish& wish, const std::string& header, const std::string& picture) {
-  const auto length = static_cast<std::uint32_t>(header.size());
-  std::string frame;
-  for (int byte = 0; byte < 4; ++byte) frame += static_cast<char>(length >> (8 * byte) & 255);
-  frame += header;
-  frame += picture;
-  asio::post(own_->io, [this, number = wish.visitor, frame = std::move(frame)]() mutable {
-    own_->deliver(number, std::move(frame));
-  });
-}
-
-void Server::ask_again() {
-  if (!own_->thread.joinable()) return;
-  std::promise<void> asked;
-  asio::post(own_->io, [&] {
-    for (auto& [number, visitor] : own_->visitors)
-      if (visitor->last) own_->ask(*visitor, *visitor->last);
-    asked.set_value();
-  });
-  asked.get_future().wait();
+bool Server::serve(std::chrono::milliseconds wait, const Draw& draw) {
+  Implementation& own = *own_;
+  std::unique_lock lock(own.mutex);
+  if (!own.changed.wait_for(lock, wait, [&] { return !own.pending.empty(); })) return false;
+  const std::shared_ptr<PendingPicture> next = own.pending.front();
+  own.pending.pop_front();
+  lock.unlock();
+  HttpReply reply{.status = 500};
+  try {
+    reply = picture_reply(draw, next->request);
+  } catch (const std::bad_alloc&) {  // not even for the text of an error: an empty answer
+  }
+  lock.lock();
+  next->reply = std::move(reply);
+  own.changed.notify_all();
+  return true;
 }
 
 }  // namespace ubs::serve

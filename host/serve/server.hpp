@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small HTTP and WebSocket server in a thread of its own. Visitors get a page at /, figures at /state, and
-// at /live pictures from the cameras that they send. It knows nothing of models: whoever owns it asks for the
-// next wish and hands the picture in. What visitors send is read with limits on its size and never written
-// anywhere.
+// Server shows a page, figures and pictures to browsers, from threads of its own. It knows nothing of models:
+// its owner calls serve(), which has the oldest request for a picture drawn in the calling thread. The limits
+// on connections, bytes and times, and who may ask, are described in SECURITY.md.
 #pragma once
 
 #include <chrono>
-#include <cstdint>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "host/scene/camera.hpp"
 
@@ -21,33 +20,35 @@ struct Address {
   int port = 8080;                 // 0: a free one
 };
 
-inline constexpr int kMaxPixels = 1 << 21;  // of a picture
+inline constexpr int kMaxPicturePixels = 1 << 21, kMaxPictureSide = 1 << 14;
 
-struct Wish {
-  std::uint64_t visitor = 0;
-  std::int64_t id = 0;  // the visitor's own number for it
-  Camera camera;        // checked
-  bool exact = false;   // as PNG
+struct PictureRequest {
+  Camera camera;       // checked
+  bool exact = false;  // as PNG
+};
+
+struct Picture {
+  std::string bytes;                                         // of the JPEG or PNG file
+  std::vector<std::pair<std::string, std::string>> headers;  // of the answer
 };
 
 class Server {
  public:
-  // Takes the port; throws Error(usage) where it cannot. Nobody is answered before start().
+  // Takes the port. Throws Error(usage) if the port is taken or the host is not of this machine.
   explicit Server(const Address& address);
-  ~Server();  // after what is on its way has been sent, within a second
+  // Gives answers that are being sent one second, and tells those who wait for a picture that it has ended.
+  ~Server();
   Server(const Server&) = delete;
 
-  // For a browser on this machine, or with the token that is needed where others reach the address.
+  // Returns the address for browsers. It has the token that is required where other machines can connect.
   const std::string& url() const;
-  // `cpu_share`: of the machine's processors, that answering may take on average.
-  void start(std::string page, double cpu_share);
+  void start(std::string page);     // begins to answer
   void publish(std::string state);  // JSON, for /state
-  // The next visitor's in turn, the newest of each, if `take` says so; waits so long for one.
-  std::optional<Wish> next(std::chrono::milliseconds wait = {},
-                           const std::function<bool(const Wish&)>& take = {});
-  // `header`: JSON. A visitor who reads slowly has asked for nothing else meanwhile: no pictures queue up.
-  void answer(const Wish& wish, const std::string& header, const std::string& picture);
-  void ask_again();  // as if all visitors had asked for their last picture once more
+
+  using Draw = std::function<Picture(const PictureRequest&)>;
+  // Waits up to `wait` for a request, has `draw` answer the oldest, and returns whether there was one. An
+  // exception of `draw`, of whatever type, becomes the answer to the request and goes no further.
+  bool serve(std::chrono::milliseconds wait, const Draw& draw);
 
  private:
   struct Implementation;

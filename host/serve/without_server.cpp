@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// In the place of the other files where Boost or OpenCV is missing.
+// Takes the place of the other files in builds without cpp-httplib or OpenCV.
 #include "host/base/error.hpp"
 #include "host/serve/live.hpp"
 
 namespace ubs::serve {
 struct Server::Implementation {};
 Server::Server(const Address&) {
-  fail(ErrorKind::usage,
-       "this build has no server for pages in the browser (Debian: libboost-dev; cmake -DUBS_SERVE=ON)");
+  fail(
+      ErrorKind::usage,
+      "this build has no server for pages in the browser (Debian: libcpp-httplib-dev; cmake -DUBS_SERVE=ON)");
 }
 Server::~Server() = default;
 const std::string& Server::url() const {
@@ -23,6 +24,6 @@ void LiveTraining::step(const StepReport&) {}
 void LiveTraining::end() {}
 std::string LiveTraining::summary() const { return {}; }
 
-void serve_model(Server&, ModelSession&, const MixedModel&, const Scene&, const std::function<bool()>&) {}
+void serve_model(Server&, ModelSession&, const MixedModel&, const Scene&) {}
 
 }  // namespace ubs::serve

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """`ubs train --serve` and `ubs view` as visitors meet them: serve_test.py UBS [NAME ...].
 
-The client speaks HTTP and WebSockets by itself, so that it can also speak them badly. `flood-full` and
-`flood-wide` are the long forms of `flood`."""
+The client speaks HTTP by itself, so that it can also speak it badly. `flood-full` and `flood-wide` are the long
+forms of `flood`. tests/web/server_test.cpp tests the server alone."""
 
-import base64
 import contextlib
 import csv
 import hashlib
 import json
 import os
 import re
+import select
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -93,6 +92,18 @@ class Served:
             send(link, path + (self.query if query is None else query), headers)
             return answer(link.makefile("rb"))
 
+    # Asks for a picture; the connection has the answer when it is drawn.
+    def ask(self, camera, exact=False):
+        link = self.connect()
+        body = json.dumps({"camera": camera, "exact": exact}).encode()
+        headers = {"Content-Type": "application/json", "Content-Length": len(body)}
+        send(link, "/picture" + self.query, headers, "POST", body)
+        return link
+
+    def picture(self, camera, exact=False):
+        with self.ask(camera, exact) as link:
+            return answer(link.makefile("rb"))
+
     def state(self):
         status, _, body = self.get("/state")
         assert status == 200
@@ -109,83 +120,28 @@ class Served:
         assert ended == code, f"exit code {ended}: {self.errors.read_text()}"
 
 
-# ---- HTTP and WebSockets ----
+# ---- HTTP ----
 
 
-def send(link, path, headers=None, method="GET"):
+def send(link, path, headers=None, method="GET", body=b""):
     fields = {"Host": "localhost", **{k.replace("_", "-"): v for k, v in (headers or {}).items()}}
     lines = [f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in fields.items()), "", ""]
-    link.sendall("\r\n".join(lines).encode())
+    link.sendall("\r\n".join(lines).encode() + body)
 
 
 def answer(file):
     status, headers = file.readline().split(), {}
-    assert status, "no answer"
+    if not status:
+        raise ConnectionError("no answer")
     for line in iter(file.readline, b"\r\n"):
-        assert line, "cut off"
+        if not line:
+            raise ConnectionError("cut off")
         name, _, value = line.decode().partition(":")
         headers[name.lower()] = value.strip()
-    return int(status[1]), headers, file.read(int(headers.get("content-length", 0)))
-
-
-class Visitor:
-    def __init__(self, served, **headers):
-        self.link = served.connect()
-        self.file = self.link.makefile("rb")
-        key = base64.b64encode(os.urandom(16)).decode()
-        upgrade = {
-            "Upgrade": "websocket",
-            "Connection": "Upgrade",
-            "Sec-WebSocket-Version": "13",
-            "Sec-WebSocket-Key": key,
-        }
-        send(self.link, "/live" + served.query, {**upgrade, **headers})
-        status, fields, _ = answer(self.file)
-        if status != 101:
-            raise PermissionError(status)
-        magic = hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
-        assert fields["sec-websocket-accept"] == base64.b64encode(magic).decode()
-        self.asked = 0
-
-    def frame(self, payload, opcode=1):
-        mask = os.urandom(4)
-        size = bytes([0x80 | len(payload)]) if len(payload) < 126 else struct.pack(">BH", 0xFE, len(payload))
-        body = bytes(b ^ mask[i % 4] for i, b in enumerate(payload))
-        self.link.sendall(bytes([0x80 | opcode]) + size + mask + body)
-
-    def ask(self, camera, exact=False):
-        self.asked += 1
-        self.frame(json.dumps({"id": self.asked, "camera": camera, "exact": exact}).encode())
-
-    # The next picture, or the code and reason with which the server closes; pings are answered.
-    def take(self):
-        while True:
-            head = self.file.read(2)
-            if len(head) < 2:
-                return None
-            size = head[1] & 127
-            if size >= 126:
-                size = int.from_bytes(self.file.read(2 if size == 126 else 8), "big")
-            payload = self.file.read(size)
-            if head[0] & 15 == 9:
-                self.frame(payload, 10)
-            elif head[0] & 15 == 10:
-                continue
-            elif head[0] & 15 == 8:
-                return struct.unpack(">H", payload[:2])[0], payload[2:].decode(errors="replace")
-            else:
-                length = struct.unpack("<I", payload[:4])[0]
-                return json.loads(payload[4 : 4 + length]), payload[4 + length :]
-
-    def picture(self, camera, exact=False):
-        self.ask(camera, exact)
-        header, data = self.take()
-        assert header["id"] == self.asked, header
-        return header, data
-
-    def close(self):
-        self.link.close()
-        self.file.close()
+    body = file.read()
+    if len(body) != int(headers["content-length"]):
+        raise ConnectionError("cut off")
+    return int(status[1]), headers, body
 
 
 def lens(camera, **changes):
@@ -209,16 +165,17 @@ def training(folder):
     with Served(folder, *train(folder, "visited", 600), "--serve-share", 50) as served:
         status, headers, page = served.get("/")
         assert status == 200 and b"ubs-viewer" in page and "no-store" in headers["cache-control"]
-        camera, visitor = lens(served.page_options()["cameras"][0]), Visitor(served)
-        seen = []
+        camera, seen = lens(served.page_options()["cameras"][0]), []
         while True:
-            visitor.ask(camera, exact=True)
-            header, data = visitor.take()
-            if not isinstance(header, dict):
-                assert (header, data) == (1001, "ended")
+            try:
+                status, headers, data = served.picture(camera, exact=True)
+            except ConnectionError:  # it has ended between two requests
                 break
-            assert data.startswith(b"\x89PNG"), header
-            seen.append((header["iteration"], data))
+            if status != 200:
+                assert status == 410 and b"ended" in data, (status, data)
+                break
+            assert data.startswith(b"\x89PNG") and headers["content-type"] == "image/png", headers
+            seen.append((int(headers["ubs-iteration"]), data))
             if len(seen) == 3:
                 state = served.state()
                 assert 0 <= state["iteration"] <= 600 and state["iterations"] == 600
@@ -255,19 +212,43 @@ def figures(folder):
         served.end(130, signal.SIGINT)
 
 
+# Whatever visitors hold or wait for, the model is saved and the program ends.
 def interrupt(folder):
     synthesise(folder)
-    with Served(folder, *train(folder, "run", 1000000)) as served:
-        visitor, idle = Visitor(served), served.connect()
-        visitor.picture(lens(served.page_options()["cameras"][0]))
+    with Served(folder, *train(folder, "run", 1000000), "--serve-share", 0.1) as served:
+        camera = lens(served.page_options()["cameras"][0])
+        until(lambda: served.picture(camera)[0] == 200)
+        silent = [served.connect() for _ in range(20)]
+        # Then the share is used up for minutes.
+        until(lambda: served.picture(lens(camera, width=1024, height=2048), exact=True)[0] == 200)
+        waiting = served.ask(camera)
+        piping = served.connect()
+        with contextlib.suppress(ConnectionError):
+            for _ in range(1000):
+                send(piping, "/state")
         served.process.send_signal(signal.SIGINT)
-        said = visitor.take()
-        while isinstance(said[0], dict):  # the last state
-            said = visitor.take()
-        assert said == (1001, "ended")
-        visitor.frame(struct.pack(">H", 1001), 8)
+        with contextlib.suppress(ConnectionError):
+            status, _, body = answer(waiting.makefile("rb"))
+            assert status == 410 and b"ended" in body, (status, body)
         served.end(130)
-        idle.close()
+        for link in (*silent, waiting, piping):
+            link.close()
+    assert (folder / "run" / "model.ply").exists()
+
+
+# What a visitor asks for ends its own answer at most, and a small picture costs others little.
+def visitors(folder):
+    synthesise(folder)
+    with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
+        camera = lens(served.page_options()["cameras"][0])
+        for size in ((65535, 31), (16384, 128), (1, 1), (16, 16), (512, 512), (1, 1), (2048, 1024), (64, 64)):
+            status, _, data = served.picture(lens(camera, width=size[0], height=size[1]))
+            assert status == (400 if size[0] > 16384 else 200), (size, status, data[:100])
+        for wrong in (2**32 + 64, 64.5, True, 1e300, -64):
+            assert served.picture(lens(camera, width=wrong))[0] == 400, wrong
+        before = served.state()["iteration"]
+        until(lambda: served.state()["iteration"] > before)
+        served.end(130, signal.SIGINT)
     assert (folder / "run" / "model.ply").exists()
 
 
@@ -277,16 +258,35 @@ def view(folder):
     truth = rendered(folder, "pictures", folder / "run")
     with Served(folder, "view", folder / "run", folder / "data") as served:
         options = served.page_options()
-        camera, visitor = lens(options["cameras"][0]), Visitor(served)
+        camera = lens(options["cameras"][0])
         assert not options["training"] and served.state()["splats"] > 0
-        assert visitor.picture(camera, exact=True)[1] == truth
-        header, picture = visitor.picture(camera)
-        assert picture.startswith(b"\xff\xd8") and len(picture) < len(truth), header
+        assert served.picture(camera, exact=True)[2] == truth
+        picture = served.picture(camera)[2]
+        assert picture.startswith(b"\xff\xd8") and len(picture) < len(truth)
         # A camera in the midst of the splats is drawn or refused, and the next one is drawn.
-        header, _ = visitor.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
-        assert header.get("error", "too much").startswith("too much")
-        assert visitor.picture(camera, exact=True)[1] == truth
+        status, _, data = served.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
+        assert status == 200 or (status == 500 and data.startswith(b"too much")), data
+        assert served.picture(camera, exact=True)[2] == truth
         served.end(130, signal.SIGINT)
+
+
+# Ctrl-C ends the program in the midst of a heavy picture.
+def heavy(folder):
+    synthesise(folder)
+    ubs(*train(folder, "run", 200))
+    with Served(folder, "view", folder / "run", folder / "data") as served:
+        camera = lens(served.page_options()["cameras"][0], width=1448, height=1448)
+        waiting = [served.ask(camera, exact=True) for _ in range(4)]
+        # One answer has come when the next picture has been begun.
+        ready, _, _ = select.select(waiting, [], [], 600)
+        assert ready
+        served.end(130, signal.SIGINT)
+        answered = 0
+        for link in waiting:
+            with contextlib.suppress(ConnectionError):
+                answered += answer(link.makefile("rb"))[0] == 200
+            link.close()
+        assert answered < 3, "pictures were drawn after the signal"
 
 
 def desktop(folder):
@@ -321,8 +321,8 @@ def desktop(folder):
 
 
 def first_picture(served):
-    header, data = Visitor(served).picture(lens(served.page_options()["cameras"][0]))
-    assert data.startswith(b"\xff\xd8"), header
+    status, _, data = served.picture(lens(served.page_options()["cameras"][0]))
+    assert status == 200 and data.startswith(b"\xff\xd8"), (status, data)
 
 
 def limits(folder):
@@ -332,16 +332,14 @@ def limits(folder):
         token = served.query.removeprefix("?token=")
         assert re.fullmatch("[0-9a-f]{32}", token)
         wrong = token[:-1] + ("0" if token[-1] != "0" else "1")
-        for path in ("/", "/state", "/live"):
+        for path in ("/", "/state", "/picture"):
             for query in ("", "?token=", f"?token={wrong}", f"?token={token}0", f"?token={token[:-1]}"):
                 assert served.get(path, query)[0] == 403, (path, query)
         assert served.get("/")[0] == served.get("/state", f"?x=1&token={token}")[0] == 200
         assert served.get("/", Host="another.name")[0] == 200  # there it is the token that guards
-        Visitor(served).close()
+        first_picture(served)
         served.query = ""
-        with contextlib.suppress(PermissionError):
-            Visitor(served)
-            raise AssertionError("a visitor without token")
+        assert served.picture({})[0] == 403
     with Served(folder, "view", folder / "run") as served:
         port = str(served.port)
         for host, status in {
@@ -353,63 +351,23 @@ def limits(folder):
             "": 421,
         }.items():
             assert served.get("/state", Host=host)[0] == status, host
-        Visitor(served, Origin="http://localhost").close()
+        assert served.get("/state", Origin="http://localhost")[0] == 200
         for origin in ("http://evil.example", "null", "http://localhost.evil.example"):
-            with contextlib.suppress(PermissionError):
-                Visitor(served, Origin=origin)
-                raise AssertionError(f"a visitor from {origin}")
-        assert served.get("/nothing")[0] == 404 and served.get("/live")[0] == 403
-        with served.connect() as link:
-            send(link, "/", method="DELETE")
-            assert answer(link.makefile("rb"))[0] == 405
-        # What is no HTTP, or too long, ends the connection.
-        for text in (b"\0\1\2\3\r\n\r\n", b"GET / HTTP/1.1\r\nX: " + b"x" * 20000, b"GET " + b"/" * 20000):
-            with served.connect() as link:
-                with contextlib.suppress(ConnectionError):
-                    link.sendall(text)
-                    assert link.recv(100) == b"", text[:20]
-        camera = lens(served.page_options()["cameras"][0])
-        # Messages that make no sense close with a reason.
-        for bad, why in {
-            "{": "message",
-            "[" * 3000: "message",
-            "{}": "id",
-            json.dumps({"id": 1, "camera": {**camera, "rotation": [2] + [0] * 8}}): "not a rotation",
-            json.dumps({"id": 1, "camera": {**camera, "fx": -1}}): "focal",
-            json.dumps({"id": 1, "camera": {**camera, "width": 3000, "height": 3000}}): "pixels",
-            json.dumps({"id": 1, "camera": {**camera, "width": 0}}): "size",
-            json.dumps({"id": 1, "camera": {**camera, "time": 1e300}}): "time",
-        }.items():
-            visitor = Visitor(served)
-            visitor.frame(bad.encode())
-            code, reason = visitor.take()
-            assert code == 1008 and why in reason, (bad[:40], code, reason)
-            visitor.close()
-        visitor = Visitor(served)
-        with contextlib.suppress(ConnectionError):
-            visitor.frame(b" " * 60000)
-            said = visitor.take()
-            assert said is None or said[0] == 1009, said
-        # Beyond the most connections newcomers are turned away, and later others are let in.
-        held = [served.connect(20) for _ in range(64)]
-        time.sleep(0.3)
-        with contextlib.suppress(ConnectionError):
-            with served.connect() as link:
-                send(link, "/state")
-                assert link.recv(10) == b""
-        for link in held:
-            link.close()
-        time.sleep(0.3)
-        assert Visitor(served).picture(camera)[1].startswith(b"\xff\xd8")
+            assert served.get("/state", Origin=origin)[0] == 403, origin
+        first_picture(served)
         done = subprocess.run(
-            [UBS, "view", folder / "run", "--port", port], capture_output=True, text=True, timeout=60
+            [UBS, "view", folder / "run", "--port", port], capture_output=True, text=True, timeout=600
         )
         assert done.returncode == 2 and "in use" in done.stderr and done.stderr.count("\n") == 1, done.stderr
+        done = subprocess.run(
+            [UBS, "view", folder / "run", "--host", ""], capture_output=True, text=True, timeout=600
+        )
+        assert done.returncode == 2 and "empty" in done.stderr and done.stderr.count("\n") == 1, done.stderr
         # Never anything on the disk on a visitor's word.
         assert sorted(p.name for p in folder.iterdir()) == ["data", "run", "stderr.txt"]
 
 
-# 50 connections that ask 1000 times a second, readers who do not read, broken frames, against a training.
+# 50 visitors that ask 1000 times a second, readers who do not read, broken requests, against a training.
 def flooded(folder, seconds, *options):
     synthesise(folder)
     counts, lock = {"asked": 0, "answered": 0, "pictures": 0}, threading.Lock()
@@ -420,43 +378,31 @@ def flooded(folder, seconds, *options):
                 counts[key] += value
 
     def asker(served, stop):
-        with served.connect() as link:
-            file, start = link.makefile("rb"), time.time()
-            for k in range(int(20 * seconds)):
-                time.sleep(max(0, start + k / 20 - time.time()))
-                if time.time() > start + seconds:  # the share of the time is used up: answers come later
-                    break
-                count(asked=1)
-                send(link, "/state")
-                status, _, body = answer(file)
-                count(answered=int(status == 200 and "iteration" in json.loads(body)))
+        start = time.time()
+        for k in range(int(20 * seconds)):
+            time.sleep(max(0, start + k / 20 - time.time()))
+            if time.time() > start + seconds:  # the share of the time is used up: answers come later
+                break
+            count(asked=1)
+            with contextlib.suppress(ConnectionError):  # turned away while all connections are taken
+                count(answered=int("iteration" in served.state()))
 
     def watcher(served, stop):
-        visitor = Visitor(served)
         while not stop.is_set():
-            visitor.ask(camera)
-            header, data = visitor.take()
-            if not isinstance(header, dict):
-                break  # the training has ended
-            count(pictures=int(len(data) > 100))
-        visitor.close()
+            with contextlib.suppress(ConnectionError):
+                status, _, data = served.picture(camera)
+                count(pictures=int(status == 200 and len(data) > 100))
 
-    def sleeper(served, stop):  # asks on and on, never reads
-        visitor = Visitor(served)
-        visitor.link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        visitor.link.settimeout(0.1)
-        while not stop.wait(0.02):
-            with contextlib.suppress(TimeoutError):
-                visitor.ask(lens(camera, width=1024, height=1024), exact=True)
-        visitor.close()
+    def sleeper(served, stop):  # asks and never reads
+        link = served.ask(lens(camera, width=1024, height=1024), exact=True)
+        stop.wait()
+        link.close()
 
     def breaker(served, stop):
         while not stop.is_set():
-            visitor = Visitor(served)
-            with contextlib.suppress(ConnectionError):
-                visitor.link.sendall(os.urandom(200))
-                visitor.take()
-            visitor.close()
+            with contextlib.suppress(ConnectionError), served.connect() as link:
+                link.sendall(os.urandom(200) + b"\r\n\r\n")
+                link.recv(100)
 
     with Served(folder, *train(folder, "flooded", 1000000), *options) as served:
         camera = lens(served.page_options()["cameras"][0])
@@ -484,7 +430,7 @@ def flooded(folder, seconds, *options):
         served.process.send_signal(signal.SIGINT)
         served.end(130)
     assert not failures, failures
-    assert counts["asked"] == counts["answered"] > 0, counts
+    assert counts["answered"] > 0, counts
     with Served(folder, *train(folder, "alone", 1000000)) as served:  # nobody asks
         until(lambda: len(losses(folder, "alone")) > 10)
         served.process.send_signal(signal.SIGINT)
@@ -511,10 +457,12 @@ def pages(folder):
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
             look(page, "another camera", lambda: page.run("L.jump(2)"))
-            # Without room, as in a frame that is hidden, it asks for few pixels and stays connected.
+            # Without room, as in a frame that is hidden, it asks for nothing.
             page.run("L.find('.stage').style.display = 'none', L.change()")
-            wait(page, "L.closed || (L.asked === L.shown && !L.waiting && !L.dirty)", "no answer")
-            assert not page.run("L.closed"), page.run("document.querySelector('.message').textContent")
+            wait(page, "L.asked === L.shown && !L.waiting && !L.dirty", "no answer")
+            asked = page.run("L.asked")
+            page.run("L.change()")
+            assert page.run("L.asked") == asked
             page.run("L.find('.stage').style.display = '', L.change()")
             before = page.run("L.iteration")
             wait(page, f"L.iteration > {before}", "the training does not go on")
@@ -549,7 +497,8 @@ def pages(folder):
 
 # But for those about the end of the server.
 def assert_no_complaints(page):
-    complaints = [c for c in page.complaints if "ERR_CONNECTION" not in c and "ERR_EMPTY" not in c]
+    ends = ("ERR_CONNECTION", "ERR_EMPTY", "ERR_SOCKET", "410")
+    complaints = [c for c in page.complaints if not any(end in c for end in ends)]
     assert complaints == [], complaints
 
 
@@ -580,7 +529,9 @@ TESTS = {
     "training": training,
     "figures": figures,
     "interrupt": interrupt,
+    "visitors": visitors,
     "view": view,
+    "heavy": heavy,
     "desktop": desktop,
     "limits": limits,
     "flood": lambda folder: flooded(folder, 2),

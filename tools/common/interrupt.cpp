@@ -21,6 +21,7 @@ const bool hangup_ignored = [] {
 
 volatile std::sig_atomic_t received = 0;
 volatile std::time_t received_at = 0;
+const char* volatile last_line = "";
 
 // Only async-signal-safe calls here.
 void note(int signal) {
@@ -35,8 +36,8 @@ void note(int signal) {
 }
 
 void end(int) {
-  constexpr std::string_view kLine = "\nubs: interrupted before the first step; no run was begun\n";
-  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, kLine.data(), kLine.size());
+  const std::string_view line = last_line;
+  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, line.data(), line.size());
   ::_exit(kInterruptedExitCode);
 }
 
@@ -60,7 +61,10 @@ void restore(const Actions& previous) {
 
 }  // namespace
 
-EndOnRequest::EndOnRequest() : previous_(handle_requests(end)) {}
+EndOnRequest::EndOnRequest(const char* line) {
+  last_line = line;
+  previous_ = handle_requests(end);
+}
 EndOnRequest::~EndOnRequest() { restore(previous_); }
 
 InterruptGuard::InterruptGuard() {

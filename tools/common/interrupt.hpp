@@ -25,7 +25,8 @@ class InterruptGuard {
 // leaves nothing behind.
 class EndOnRequest {
  public:
-  EndOnRequest();
+  // `line` is printed on stderr. It must outlive the program, as a literal does.
+  explicit EndOnRequest(const char* line);
   ~EndOnRequest();
   EndOnRequest(const EndOnRequest&) = delete;
 

@@ -6,9 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdlib>
-#include <filesystem>
 #include <iostream>
-#include <new>
 #include <string>
 #include <vector>
 
@@ -106,16 +104,9 @@ int run_reporting_errors(int argc, char** argv) {
     return run(argc, argv);
   } catch (const ReaderGone&) {
     return exit_code(ErrorKind::data);
-  } catch (const Error& error) {
+  } catch (const std::exception& exception) {
+    const Error error = as_error(exception);
     return report(error.what(), exit_code(error.kind()));
-  } catch (const std::bad_alloc&) {
-    return report("out of memory: use fewer splats, smaller images (--downscale) or fewer views",
-                  exit_code(ErrorKind::memory));
-  } catch (const std::filesystem::filesystem_error& error) {  // host/base/paths.hpp should have had it
-    return report(fmt::format("{}: {}", error.path1().string(), error.code().message()),
-                  exit_code(ErrorKind::data));
-  } catch (const std::exception& error) {
-    return report(fmt::format("internal: {}", error.what()), exit_code(ErrorKind::internal));
   }
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The share of the time that visitors of a training may cost, on a simulated clock.
-#include "host/serve/purse.hpp"
+// The share of the time that pictures of a training take, on a simulated clock.
+#include "host/serve/picture_pause.hpp"
 
+#include <algorithm>
 #include <catch2/catch.hpp>
 
 #include "tests/support/simulated_time.hpp"
@@ -9,18 +10,17 @@
 namespace ubs::serve {
 namespace {
 
-// Draws a picture whenever the purse affords it; returns the share of the time that the pictures took.
+// Draws a picture whenever the pause is over. Returns the share of the time that the pictures took.
 double drawn_share(double share, double cost, double step, double seconds) {
   test::SimulatedTime time;
-  Purse purse(share, time);
-  purse.open();
+  PicturePause pause(share, time);
   const double begin = time.seconds();
   double drawn = 0;
   while (time.seconds() - begin < seconds) {
     time.advance(step);
-    if (!purse.affords(cost)) continue;
+    if (!pause.over()) continue;
     time.advance(cost);
-    purse.spend(cost);
+    pause.begin(cost);
     drawn += cost;
   }
   return drawn / (time.seconds() - begin);
@@ -31,21 +31,23 @@ TEST_CASE("pictures take their share of the time, however quick steps and pictur
     for (const double cost : {1e-3, 0.1, 5.0}) {
       const double share = drawn_share(0.03, cost, step, 4000);
       INFO("steps of " << step << " s, pictures of " << cost << " s: " << share);
-      CHECK(share <= 0.03 * 1.001);
-      // There is one picture a step at most.
-      const double possible = std::min(0.03, cost / (cost + step));
-      CHECK(share > 0.9 * possible);
+      CHECK(share <= 0.03 + cost / 4000);  // the first one needs no pause
+      // The step in which the pause ends is finished first.
+      CHECK(share > 0.99 * cost / (cost / 0.03 + step));
     }
 }
 
-TEST_CASE("after a stop of ten minutes no more is drawn at once than was saved up") {
+TEST_CASE("a small picture makes others wait for its own cost, and a stop of ten minutes saves nothing up") {
   test::SimulatedTime time;
-  Purse purse(0.03, time);
-  purse.open();
+  PicturePause pause(0.03, time);
+  CHECK(pause.over());
+  pause.begin(1e-3);
+  CHECK(!pause.over());
+  time.advance(1e-3 * 0.97 / 0.03 + 1e-6);
+  CHECK(pause.over());  // for a picture of any size
   time.advance(600);
-  int at_once = 0;
-  while (purse.affords(0.07) && at_once < 1000) purse.spend(0.07), ++at_once;
-  CHECK(at_once == 4);  // ten seconds are saved up: 0.3 s of drawing
+  pause.begin(0.1);
+  CHECK(!pause.over());
 }
 
 }  // namespace

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Exceptions of other libraries as errors of ours, with the exit code that the user is told.
+#include "host/base/error.hpp"
+
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <new>
+
+namespace ubs {
+namespace {
+
+TEST_CASE("an exception of any type becomes an error with its exit code") {
+  const Error own(ErrorKind::device, "the driver is gone");
+  CHECK(exit_code(as_error(own).kind()) == 4);
+  CHECK(as_error(own).what() == std::string("the driver is gone"));
+  CHECK(exit_code(as_error(std::bad_alloc()).kind()) == 6);
+  CHECK(exit_code(as_error(std::bad_array_new_length()).kind()) == 6);
+  const std::filesystem::filesystem_error file("x", "a/b", std::make_error_code(std::errc::io_error));
+  CHECK(exit_code(as_error(file).kind()) == 3);
+  CHECK(std::string(as_error(file).what()).starts_with("a/b: "));
+  CHECK(exit_code(as_error(std::out_of_range("x")).kind()) == 1);
+}
+
+}  // namespace
+}  // namespace ubs

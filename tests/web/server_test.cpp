@@ -1,0 +1,300 @@
+// SPDX-License-Identifier: Apache-2.0
+// The server alone, with visitors who behave badly: what they cause stays with them.
+#include "host/serve/server.hpp"
+
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <future>
+#include <new>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/base/stopwatch.hpp"
+#include "host/scene/camera_json.hpp"
+
+namespace ubs::serve {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr double kPrompt = 60;  // seconds; what is tested would take longer than this, or for ever
+
+struct Answer {
+  int status = 0;  // 0: the connection ended without an answer
+  std::string head, body;
+};
+
+class Client {
+ public:
+  explicit Client(const Server& server) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const std::string& url = server.url();
+    sockaddr_in place{};
+    place.sin_family = AF_INET;
+    place.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    place.sin_port = htons(static_cast<in_port_t>(std::stoi(url.substr(url.rfind(':') + 1))));
+    const timeval patience{.tv_sec = 600, .tv_usec = 0};
+    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    REQUIRE(::connect(socket_, reinterpret_cast<sockaddr*>(&place), sizeof place) == 0);
+  }
+  Client(Client&& other) noexcept : socket_(std::exchange(other.socket_, -1)) {}
+  ~Client() {
+    if (socket_ >= 0) ::close(socket_);
+  }
+
+  // Returns false if the server has closed the connection meanwhile.
+  bool send(const std::string& text) const {
+    return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(text.size());
+  }
+  std::string all() const {
+    std::string text;
+    char bytes[4096];
+    for (ssize_t count; (count = ::recv(socket_, bytes, sizeof bytes, 0)) > 0;)
+      text.append(bytes, static_cast<std::size_t>(count));
+    return text;
+  }
+  Answer answer() const {
+    const std::string text = all();
+    const std::size_t end = text.find("\r\n\r\n");
+    if (end == std::string::npos) return {};
+    return {std::stoi(text.substr(9)), text.substr(0, end), text.substr(end + 4)};
+  }
+
+ private:
+  int socket_;
+};
+
+std::string get(const std::string& target, const std::string& more = "Host: localhost\r\n") {
+  return "GET " + target + " HTTP/1.1\r\n" + more + "\r\n";
+}
+
+std::string post(const std::string& body, const std::string& more = "Content-Type: application/json\r\n") {
+  return "POST /picture HTTP/1.1\r\nHost: localhost\r\n" + more +
+         "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
+}
+
+Answer answer_of(const Server& server, const std::string& request) {
+  const Client client(server);
+  client.send(request);
+  return client.answer();
+}
+
+Json request_json() {
+  return {{"camera", camera_json({.fx = 8, .fy = 8, .cx = 4, .cy = 4, .width = 8, .height = 8})}};
+}
+
+Picture no_picture(const PictureRequest&) {
+  return {.bytes = "picture", .headers = {{"Ubs-Iteration", "7"}}};
+}
+
+// Sends a request for a picture and draws until it is answered.
+Answer picture(Server& server, const std::string& body, const Server::Draw& draw = no_picture) {
+  auto answer = std::async(std::launch::async, [&] { return answer_of(server, post(body)); });
+  while (answer.wait_for(0s) != std::future_status::ready) server.serve(10ms, draw);
+  return answer.get();
+}
+
+struct Started : Server {
+  explicit Started(const std::string& host = "127.0.0.1") : Server({host, 0}) { start("<p>page</p>"); }
+};
+
+bool one_line(const std::string& text) {
+  return text.size() > 5 && text.size() <= 301 && text.find('\n') == text.size() - 1;
+}
+
+TEST_CASE("a picture is answered with its numbers") {
+  Started server;
+  const Answer answer = picture(server, request_json().dump());
+  CHECK(answer.status == 200);
+  CHECK(answer.body == "picture");
+  CHECK(answer.head.find("\r\nUbs-Iteration: 7\r\n") != std::string::npos);
+  CHECK(answer.head.find("\r\nContent-Type: image/jpeg") != std::string::npos);
+  CHECK(answer.head.find("\r\nCache-Control: no-store") != std::string::npos);
+  server.publish("{\"a\": 1}");
+  CHECK(answer_of(server, get("/state")).body == "{\"a\": 1}");
+  CHECK(answer_of(server, get("/")).body == "<p>page</p>");
+}
+
+TEST_CASE("an exception of any type while a picture is drawn ends that answer and nothing else") {
+  Started server;
+  const auto thrown = [&](const Server::Draw& draw) {
+    const Answer answer = picture(server, request_json().dump(), draw);
+    CHECK(answer.status == 500);
+    CHECK(one_line(answer.body));
+    return answer.body;
+  };
+  CHECK(thrown([](const PictureRequest&) -> Picture { fail(ErrorKind::memory, "too much"); }) ==
+        "too much\n");
+  thrown([](const PictureRequest&) -> Picture { throw std::bad_alloc(); });
+  thrown([](const PictureRequest&) -> Picture { throw std::runtime_error("OpenCV\nwrites\r\nlines"); });
+  thrown([](const PictureRequest&) -> Picture { throw std::runtime_error(std::string(10000, 'x')); });
+  thrown([](const PictureRequest&) -> Picture { return {Json::parse("{")}; });
+  thrown([](const PictureRequest&) -> Picture { throw 7; });
+  CHECK(picture(server, request_json().dump()).status == 200);
+}
+
+TEST_CASE("numbers of a request neither wrap nor are rounded") {
+  Started server;
+  const auto refused = [&](const std::string& body) {
+    INFO(body.substr(0, 200));
+    const Answer answer = picture(server, body);
+    CHECK(answer.status == 400);
+    CHECK(one_line(answer.body));
+  };
+  const auto changed = [](const char* name, const Json& value) {
+    Json request = request_json();
+    request["camera"][name] = value;
+    return request.dump();
+  };
+  for (const char* value : {"4294967304", "18446744073709551624", "-8", "true", "8.5", "8.0", "1e300",
+                            "\"8\"", "null", "[8]", "0", "16385"})
+    for (const char* name : {"width", "height"}) refused(changed(name, Json::parse(value)));
+  for (const char* value : {"true", "1e300", "-1e300", "\"8\"", "null", "[8]"})
+    for (const char* name : {"fx", "cy", "time"}) refused(changed(name, Json::parse(value)));
+  refused(changed("fx", -1));
+  refused(changed("rotation", {2, 0, 0, 0, 1, 0, 0, 0, 1}));
+  refused(changed("rotation", {true, 0, 0, 0, 1, 0, 0, 0, 1}));
+  refused(changed("rotation", {1, 0, 0}));
+  refused(changed("translation", {1e300, 0, 0}));
+  refused(changed("extra", {true}));
+  refused(changed("extra", {1e300}));
+  Json request = request_json();
+  request["camera"]["width"] = 65535, request["camera"]["height"] = 31;  // wider than a JPEG may be
+  refused(request.dump());
+  request["camera"]["width"] = request["camera"]["height"] = 3000;
+  refused(request.dump());
+  request = request_json();
+  request["exact"] = 1;
+  refused(request.dump());
+  request["camera"].erase("width");
+  refused(request.dump());
+  for (const std::string text :
+       {"", "{", "[]", "7", "{}", "{\"camera\": 7}", "{\"camera\": {\"fx\": 1e999}}"})
+    refused(text);
+  refused(std::string(3000, '['));
+  CHECK(picture(server, request_json().dump()).status == 200);
+}
+
+TEST_CASE("what is not a request of the page is refused") {
+  Started server;
+  const std::string body = request_json().dump(), json = "Content-Type: application/json\r\n";
+  const auto status = [&](const std::string& request) { return answer_of(server, request).status; };
+  CHECK(status(get("/nothing")) == 404);
+  CHECK(status(get("/picture")) == 404);
+  CHECK(status("DELETE / HTTP/1.1\r\nHost: localhost\r\n\r\n") == 405);
+  CHECK(status(get("/state", "Host: evil.example\r\n")) == 421);
+  CHECK(status(get("/state", "")) == 421);
+  CHECK(status(get("/state", "Host: localhost\r\nOrigin: http://evil.example\r\n")) == 403);
+  CHECK(status(post(body, json + "Origin: null\r\n")) == 403);
+  CHECK(status(post(body, "Content-Type: text/plain\r\n")) == 415);
+  CHECK(status(post(body, "Content-Type: multipart/form-data; boundary=x\r\n")) == 415);
+  CHECK(status(post(body, json + "Content-Encoding: gzip\r\n")) == 415);
+  CHECK(status(post(body, json + "Transfer-Encoding: chunked\r\n")) == 415);
+  CHECK(status("POST /picture HTTP/1.1\r\nHost: localhost\r\n" + json + "\r\n" + body) == 411);
+  CHECK(status(post(std::string(5000, ' '))) == 413);
+  const Answer refused = answer_of(server, get("/nothing"));
+  CHECK(one_line(refused.body));
+  CHECK(refused.head.find("EXCEPTION") == std::string::npos);
+}
+
+TEST_CASE("requests are bounded, and nothing of an answer is cut out or compressed") {
+  Started server;
+  const auto with = [](const std::string& headers) { return get("/", "Host: localhost\r\n" + headers); };
+  CHECK(answer_of(server, std::string("\0\1\2\3\r\n\r\n", 8)).status != 200);
+  CHECK(answer_of(server, with("X: " + std::string(20000, 'x') + "\r\n")).status == 0);
+  CHECK(answer_of(server, get("/" + std::string(20000, 'x'))).status == 0);
+  std::string lines;
+  for (int i = 0; i < 100000; ++i) lines += "X: x\r\n";
+  CHECK(answer_of(server, with(lines)).status == 0);
+  // Long ranges would need more stack than some threads have; many would multiply the page.
+  std::string ranges = "bytes=0-0";
+  while (ranges.size() < 8000) ranges += ",0-9";
+  for (const std::string& header : std::vector<std::string>{
+           "Range: bytes=0-1", "range: bytes=0-1,2-3", "RANGE: " + ranges, "Accept-Encoding: gzip, br"}) {
+    const Answer answer = answer_of(server, with(header + "\r\n"));
+    CHECK(answer.status == 200);
+    CHECK(answer.body == "<p>page</p>");
+  }
+}
+
+TEST_CASE("a connection answers one request") {
+  Started server;
+  std::string requests;
+  for (int i = 0; i < 500; ++i) requests += get("/state");
+  const Client client(server);
+  client.send(requests);
+  const std::string text = client.all();
+  CHECK(text.starts_with("HTTP/1.1 200"));
+  CHECK(text.find("HTTP/1.1", 1) == std::string::npos);
+}
+
+TEST_CASE("who holds connections without asking keeps nobody out") {
+  Started server("0.0.0.0");
+  const std::string token = server.url().substr(server.url().find('?'));
+  std::vector<Client> held;
+  for (int i = 0; i < 200; ++i) {
+    held.emplace_back(server);
+    if (i % 4 == 1) held.back().send("GET /state");           // goes on too slowly
+    if (i % 4 == 2) held.back().send(get("/state"));          // has no token
+    if (i % 4 == 3) held.back().send(post("{}").substr(40));  // is no request
+  }
+  for (int i = 0; i < 10; ++i) CHECK(answer_of(server, get("/state" + token)).status == 200);
+  CHECK(answer_of(server, get("/state")).status == 403);
+  CHECK(answer_of(server, get("/state?token=" + std::string(32, '0'))).status == 403);
+}
+
+TEST_CASE("closing does not wait for visitors who are silent, slow or do not read") {
+  std::optional<Started> server(std::in_place);
+  std::vector<Client> held;
+  for (int i = 0; i < 20; ++i) {
+    held.emplace_back(*server);
+    if (i % 2 == 0) held.back().send("GET / HTTP/1.1\r\n");
+  }
+  const Client deaf(*server);
+  deaf.send(post(request_json().dump()));
+  // More than the buffers of the system hold.
+  while (!server->serve(10ms, [](const PictureRequest&) {
+    return Picture{std::string(100 << 20, 'x'), {}};
+  })) {
+  }
+  const Stopwatch watch;
+  server.reset();
+  CHECK(watch.seconds() < kPrompt);
+}
+
+TEST_CASE("who waits for a picture at the end is told that it has ended") {
+  int status = 0;
+  for (int round = 0; round < 100 && status == 0; ++round) {
+    std::optional<Started> server(std::in_place);
+    const Client waiting(*server);
+    waiting.send(post(request_json().dump()));
+    std::this_thread::sleep_for(round * 20ms);  // the request may come after the end
+    server.reset();
+    status = waiting.answer().status;
+  }
+  CHECK(status == 410);
+}
+
+TEST_CASE("an address that is not of this machine, taken or empty is refused as wrong usage") {
+  const Started server;
+  const std::string& url = server.url();
+  const int taken = std::stoi(url.substr(url.rfind(':') + 1));
+  for (const Address& address :
+       {Address{"", 0}, Address{" ", 0}, Address{"192.0.2.1", 0}, {"127.0.0.1", taken}}) {
+    INFO(address.host);
+    try {
+      const Server refused(address);
+      FAIL("not refused");
+    } catch (const Error& error) {
+      CHECK(error.kind() == ErrorKind::usage);
+      CHECK(std::string(error.what()).find('\n') == std::string::npos);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ubs::serve
