@@ -31,7 +31,6 @@ Command add_gradients(CLI::App& root);
 Command add_compare(CLI::App& root);
 Command add_devices(CLI::App& root);
 Command add_bench(CLI::App& root);
-Command add_stress(CLI::App& root);
 Command add_tune(CLI::App& root);
 Command add_accuracy(CLI::App& root);
 Command add_cameras(CLI::App& root);

@@ -3,7 +3,6 @@
 // UBS_DEVICE, else all devices. Both return the exit code.
 #pragma once
 
-#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -17,7 +16,7 @@ std::vector<std::string_view> form_keys();
 // if one device is wrong.
 int check_devices(const std::vector<std::string>& devices, const std::vector<int>& dims,
                   const SettingsOptions& settings, bool json);
-// A page about this machine with a verdict and what to do, with `cases` random cases on each device.
-int diagnose(const std::vector<std::string>& devices, std::uint64_t cases, bool json);
+// A page about this machine with a verdict and what to do.
+int diagnose(const std::vector<std::string>& devices, bool json);
 
 }  // namespace ubs::tools

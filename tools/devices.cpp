@@ -25,7 +25,6 @@ struct DevicesOptions {
   std::vector<std::string> devices;
   std::vector<int> dims{3, 6, 7};
   SettingsOptions settings;
-  std::uint64_t cases = 50;
   bool check = false, doctor = false, json = false;
 };
 
@@ -88,7 +87,7 @@ int list(const DevicesOptions& options) {
 
 int run(const DevicesOptions& options) {
   if (options.check) return check_devices(options.devices, options.dims, options.settings, options.json);
-  if (options.doctor) return diagnose(options.devices, options.cases, options.json);
+  if (options.doctor) return diagnose(options.devices, options.json);
   return list(options);
 }
 
@@ -108,14 +107,9 @@ Command add_devices(CLI::App& root) {
       ->check(from_to(kMinDim, kMaxDim))
       ->needs(check)
       ->type_name("N,N");
-  CLI::Option* doctor = app->add_flag("--doctor", options->doctor,
-                                      "say whether all is well with this machine, and what to do if not")
-                            ->excludes(check);
-  app->add_option("--cases", options->cases,
-                  "with --doctor: random cases against float64 on each device [50]")
-      ->check(from_to(1, 100000))
-      ->needs(doctor)
-      ->type_name("N");
+  app->add_flag("--doctor", options->doctor,
+                "say whether all is well with this machine, and what to do if not")
+      ->excludes(check);
   app->add_flag("--json", options->json, "machine-readable output");
   options->settings.need(*app, check);
   return {app, [options] { return run(*options); }};

@@ -19,7 +19,6 @@
 #include "host/bench/training_bench.hpp"
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
-#include "host/stress/campaign.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/common/model_session.hpp"
 #include "tools/common/output.hpp"
@@ -34,12 +33,10 @@ namespace fs = std::filesystem;
 constexpr std::size_t kSplats = 20'000;  // of the step that is timed, in pictures of kSize x kSize
 constexpr int kSize = 400, kDim = 6;
 constexpr double kFewFree = 2.0;  // GiB
-constexpr std::uint64_t kSeed = 1;
 
 class Doctor {
  public:
-  Doctor(const std::vector<std::string>& names, std::uint64_t cases, bool json)
-      : names_(names), cases_(cases), as_json_(json) {}
+  Doctor(const std::vector<std::string>& names, bool json) : names_(names), as_json_(json) {}
 
   int run() {
     versions();
@@ -146,7 +143,6 @@ class Doctor {
     try {
       const std::unique_ptr<Device> device = open_device(index);
       if (conforms(*device, entry)) {
-        stress(*device, entry);
         speed(*device, entry);
         ++working_;
       }
@@ -178,18 +174,6 @@ class Doctor {
     return !bad;
   }
 
-  void stress(Device& device, Json& entry) {
-    stress::DeviceRunner runner(device, raster_kind("auto", device.info()));
-    const stress::CampaignReport report =
-        stress::run_campaign(runner, {.seed = kSeed, .first = 0, .cases = cases_});
-    entry["stress"] = {{"cases", report.cases}, {"failed", report.failed}};
-    line("  stress   {} random cases, {} failed", report.cases, report.failed);
-    if (report.failed > 0)
-      wrong(fmt::format("{} of {} random cases fail (ubs stress --seed {} --cases {})", report.failed,
-                        report.cases, kSeed, cases_),
-            device.info());
-  }
-
   void speed(Device& device, Json& entry) {
     const bench::BenchScene scene = bench::synthetic_object(kDim, kSplats, kSize, kSize);
     bench::IterationOptions options{.raster = raster_kind("auto", device.info())};
@@ -215,7 +199,6 @@ class Doctor {
   }
 
   const std::vector<std::string>& names_;
-  std::uint64_t cases_;
   bool as_json_;
   Json json_ = Json::object();
   Json problems_ = Json::array();
@@ -224,8 +207,6 @@ class Doctor {
 
 }  // namespace
 
-int diagnose(const std::vector<std::string>& devices, std::uint64_t cases, bool json) {
-  return Doctor(devices, cases, json).run();
-}
+int diagnose(const std::vector<std::string>& devices, bool json) { return Doctor(devices, json).run(); }
 
 }  // namespace ubs::tools

@@ -39,7 +39,6 @@ constexpr Examples kExamples[] = {
     {"synth", kConvert, "ubs synth glossy --out data", "ubs synth orbit --out data --size 200"},
     {"bench", kMeasure, "ubs bench --quick", "ubs bench run photos --run iteration"},
     {"accuracy", kMeasure, "ubs accuracy --out accuracy", "ubs accuracy run photos --out accuracy"},
-    {"stress", kMeasure, "ubs stress", "ubs stress --run random --cases 500"},
     {"gradients", kMeasure, "ubs gradients run photos --view 0 --out gradients.ply",
      "ubs gradients run photos --view 3 --split train --out gradients.ply"},
     {"devices", kDevices, "ubs devices --doctor", "ubs devices --check --device gpu --dim 6"},

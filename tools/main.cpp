@@ -29,8 +29,8 @@ namespace {
 constexpr const char* kFooter =
     "\nExit codes: 0 success, 1 internal error, 2 wrong usage, 3 unusable data or a result that cannot be\n"
     "written, 4 device, 5 kernels do not build, 6 out of memory, 7 not finite, 8 worse than the baseline\n"
-    "(bench, accuracy), 9 failures (stress), 10 a device computes wrong results, 130 interrupted (train,\n"
-    "render, bench, accuracy and stress keep the results so far).\n"
+    "(bench, accuracy), 10 a device computes wrong results, 130 interrupted (train, render, bench and\n"
+    "accuracy keep the results so far).\n"
     "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
     "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs tune` stored),\n"
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
@@ -79,10 +79,10 @@ int run(int argc, char** argv) {
   using namespace ubs::tools;
   prepare_help(root);
   const std::vector<Command> commands{
-      add_train(root),   add_plan(root),   add_render(root),   add_eval(root),      add_info(root),
-      add_synth(root),   add_pack(root),   add_convert(root),  add_gradients(root), add_devices(root),
-      add_compare(root), add_bench(root),  add_accuracy(root), add_stress(root),    add_tune(root),
-      add_metrics(root), add_reduce(root), add_cameras(root),  add_view(root),
+      add_train(root),   add_plan(root),    add_render(root),   add_eval(root),      add_info(root),
+      add_synth(root),   add_pack(root),    add_convert(root),  add_gradients(root), add_devices(root),
+      add_compare(root), add_bench(root),   add_accuracy(root), add_tune(root),      add_metrics(root),
+      add_reduce(root),  add_cameras(root), add_view(root),
 #ifdef UBS_WITH_OPENCV
       add_report(root),  add_web(root),
 #endif
