@@ -71,12 +71,6 @@ std::string decode_text(std::string_view text) {
   return bytes;
 }
 
-std::string table_cell(std::string text) {
-  std::ranges::replace(text, '|', '/');
-  std::ranges::replace(text, '\n', ' ');
-  return text;
-}
-
 std::string shell_word(std::string_view bytes) {
   constexpr std::string_view kPlain =
       "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=./:,@%";

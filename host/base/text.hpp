@@ -21,9 +21,6 @@ std::string encode_text(std::string_view bytes);
 // The inverse: decode_text(encode_text(b)) == b for all b.
 std::string decode_text(std::string_view text);
 
-// For a cell of a table in Markdown: a slash for each bar, blanks for line breaks.
-std::string table_cell(std::string text);
-
 // Returns a duration for people: "4.2 s", "48 s", "6 min 5 s", "35 min", "2 h 17 min".
 std::string duration_text(double seconds);
 

@@ -141,9 +141,6 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   for (const char* arguments :
        {"reduce m d --out o --bound 0.1 --max-loss-db 1", "reduce m d --out o --lossless --max-loss-db 1"})
     check_error(folder, arguments, 2, "--max-loss-db excludes");
-  for (const char* option :
-       {"--run x", "--list", "--seed 1", "--cases 1", "--first 1", "--json j", "--out o"})
-    check_error(folder, fmt::format("stress --replay r {}", option), 2, "excludes");
   check_error(folder, "tune --size 48x40/500 m.ply", 2, "excludes");
   check_error(folder, "render m --video v.mp4 --format npy", 2, "--format requires --out");
   check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
@@ -160,8 +157,7 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
 TEST_CASE("cli: a file that cannot be written is refused before the work") {
   const TempFolder folder;
   put(folder / "g/full", "");
-  for (const char* arguments : {"tune --quick --dry-run --json no/t.json", "bench --quick --json no/b.json",
-                                "stress --run random --cases 1 --json no/s.json"})
+  for (const char* arguments : {"tune --quick --dry-run --json no/t.json", "bench --quick --json no/b.json"})
     check_error(folder, arguments, 3, ".json: cannot write: No such file or directory");
   check_error(folder, "tune --quick --dry-run --json g", 3, "g: is a folder");
   CHECK_FALSE(fs::exists(folder / "no"));
@@ -185,13 +181,13 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
     refused(fmt::format("bench --max-time {}", bad),
             fmt::format("--max-time: choose a number above 0, not {}", bad));
   for (const char* bad : {"0", "100001", "2.5", "nan"})
-    refused(fmt::format("devices --doctor --cases {}", bad),
-            fmt::format("--cases: choose a whole number from 1 to 100000, not {}", bad));
+    refused(fmt::format("synth glossy --out o --size {}", bad),
+            fmt::format("--size: choose a whole number from 1 to 8192, not {}", bad));
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
             fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
   // Unsigned ones: -1 was 18446744073709551615.
-  for (const char* arguments : {"synth glossy --out o --seed", "stress --seed", "accuracy --out o --view"})
+  for (const char* arguments : {"synth glossy --out o --seed", "accuracy --out o --view"})
     refused(fmt::format("{} -1", arguments), ": choose a number of 0 or more, not -1");
   refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
   CHECK(file_count(folder.path()) == 2);

@@ -297,7 +297,6 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
   // Within two seconds; what may be done by then, when it says that it has begun.
   for (const auto& [arguments, signal, begun] :
        {std::tuple{"bench", SIGINT, ""},
-        {"stress", SIGTERM, ""},
         {"tune", SIGINT, ""},
         {"compare --devices cpu,cpu --model run/model.ply --data data --repeat 100000", SIGTERM, ""},
         {"accuracy --out a", SIGTERM, ""},

@@ -242,7 +242,6 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
         "synth glossy --out {} --size 8 --views 1",
         "reduce --model {} --data data --out r.ply",
         "plan --data {}",
-        "stress --replay {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {
       if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // each command with one of the three
@@ -255,17 +254,6 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
     }
     fs::remove_all(folder / "run");
     ++kind;
-  }
-}
-
-// An unsigned -1 is no campaign without end, nor one without cases.
-TEST_CASE("cli: numbers of random cases are not negative") {
-  const TempFolder folder;
-  for (const char* option : {"--cases", "--first"}) {
-    const Result result = run_ubs(folder, fmt::format("stress --run random {} -5 --list", option));
-    INFO(result.err);
-    CHECK(result.code == 2);
-    CHECK(result.err.find(option) != std::string::npos);
   }
 }
 

@@ -220,7 +220,6 @@ const Writer kWriters[] = {
     {"report run --out OUT", "run/metrics.json"},
     {"bench --quick --run '^adam.random' --json OUT", nullptr},
     {"bench --quick --run '^adam.random' --baseline b.json --json OUT", "b.json"},
-    {"stress --run '^01' --json OUT", nullptr},
     {"tune --quick --raster gpu --size 48x40/500 --json OUT", nullptr},
 };
 
@@ -279,7 +278,6 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
       {"render run/model.ply --data data --channels depth --format npy --out OUT", "r_001_depth.npy"},
       {"compare --devices cpu --model run/model.ply --data data --out OUT", "compare.csv"},
       {"accuracy --quick --model run/model.ply --data data --out OUT", "accuracy.csv"},
-      {"stress --run '^01' --out OUT", "stress.md"},
       {"synth glossy --size 32 --views 4 --test-views 2 --out OUT", "transforms_test.json"}};
   for (std::size_t turn = 0; const auto& [arguments, name] : commands) {
     INFO(arguments);

@@ -105,10 +105,6 @@ TEST_CASE("paths: no source asks the file system in the throwing way", "[paths]"
   CHECK(files > 300);
 }
 
-TEST_CASE("a cell of a table stays one cell and one line", "[paths]") {
-  CHECK(table_cell("|a| is\nlong") == "/a/ is long");
-}
-
 TEST_CASE("text: any bytes survive, and the result is UTF-8 on one line", "[paths]") {
   CHECK(encode_text("/data/gr\xc3\xbc\xc3\x9f/a b%20") == "/data/gr\xc3\xbc\xc3\x9f/a b%20");
   CHECK(encode_text("caf\xe9") == "caf\\xe9");

@@ -30,7 +30,6 @@ const std::map<std::string, std::string> kMayInclude{
     {"bench", "base scene spec data device pipeline train"},
     {"accuracy", "base scene spec device kernels pipeline train bench oracle"},
     {"check", "base device kernels metrics pipeline accuracy oracle"},
-    {"stress", "base scene data device pipeline train bench oracle"},
     {"run", "base cluster scene spec data device pipeline metrics train view check"},
     {"facade", "base scene spec data device pipeline metrics train run include"},
     {"web", "base scene spec data device pipeline metrics train view report run"},

@@ -88,7 +88,6 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
       "reduce --model run/model.ply --data data --bound 0.1 --quiet --out o/r.ply --effects o/r.csv",
       "report run --out o/r.html",
       "bench --quick --run '^adam.random' --json o/b.json",
-      "stress --run '^01' --json o/s.json --out o/stress",
       "accuracy --quick --out o/accuracy",
       "compare --devices cpu --model run/model.ply --data data --repeat 1 --out o/compare",
       "tune --quick --raster cpu --size 48x40/500 --max-time 0.1 --json o/t.json",

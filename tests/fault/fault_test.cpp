@@ -111,8 +111,6 @@ TEST_CASE("faults: the other commands", "[.long]") {
       {.command =
            "render run/model.ply --path orbit --path-frames 3 --size 64x64 --video out/v.avi --overwrite"},
       {.command = "report run --out out/r.html --views 1 --overwrite", .common = without_times},
-      {.command = "stress --cases 1 --run ^01 --out out --json out/s.json --overwrite",
-       .common = without_times},
       {.command = "bench --quick --run ^sum.*glossy --sizes 64x64/100 --json out/bench.json --overwrite",
        .common = without_times},
   };

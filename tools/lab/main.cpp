@@ -16,7 +16,9 @@ constexpr const char *kMeasure = "Measure", *kDevices = "Devices";
 
 constexpr CommandEntry kCommands[] = {
     {add_accuracy, kMeasure, "ubs-lab accuracy --out accuracy", "ubs-lab accuracy run photos --out accuracy"},
-    {add_stress, kMeasure, "ubs-lab stress", "ubs-lab stress --run random --cases 500"},
+#ifdef UBS_WITH_STRESS  // a build with tests
+    {add_stress, kMeasure, "ubs-lab stress", "ubs-lab stress 'random cases' --cases 500"},
+#endif
     {add_bench, kMeasure, "ubs-lab bench --quick", "ubs-lab bench run photos --run iteration"},
     {add_gradients, kMeasure, "ubs-lab gradients run photos --view 0 --out gradients.ply",
      "ubs-lab gradients run photos --view 3 --split train --out gradients.ply"},

@@ -2,7 +2,7 @@
 // The cases of a randomised campaign: a function of (seed, number) alone.
 #pragma once
 
-#include "host/stress/case.hpp"
+#include "tests/stress/case.hpp"
 
 namespace ubs::stress {
 

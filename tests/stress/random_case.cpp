@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // See random_case.hpp. Positions are chosen in the frame of the camera: what is not seen tests little.
-#include "host/stress/random_case.hpp"
+#include "tests/stress/random_case.hpp"
 
 #include <fmt/format.h>
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/stress/device_runner.hpp"
+#include "tests/stress/device_runner.hpp"
 
 #include <algorithm>
+#include <cstring>
 
 #include "host/pipeline/device_model.hpp"
 
@@ -16,6 +17,10 @@ struct DeviceRunner::Form {
   Renderer renderer;
   Buffer<float> v_params;
 };
+
+bool same_bits(std::span<const float> a, std::span<const float> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
 
 DeviceRunner::DeviceRunner(Device& device, RasterKind raster) : device_(device), raster_(raster) {}
 DeviceRunner::~DeviceRunner() = default;

@@ -2,6 +2,7 @@
 // Rows about what happens to an image or to parameters outside the renderer: the loss, Adam, relocation and
 // growth, noise.
 #include <algorithm>
+#include <catch2/catch.hpp>
 #include <cfloat>
 #include <cmath>
 #include <limits>
@@ -11,13 +12,12 @@
 #include "host/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
-#include "host/stress/row.hpp"
-#include "host/stress/row_scene.hpp"
+#include "tests/stress/row.hpp"
 
 namespace ubs::stress {
 namespace {
 
-// ---- 25: the loss ----
+// ---- The loss ----
 
 struct LossResult {
   float l1 = 0, ssim = 0;
@@ -25,21 +25,21 @@ struct LossResult {
   bool finite = true;
 };
 
-LossResult device_loss(RowRun& run, int width, int height, const std::vector<float>& image,
+LossResult device_loss(DeviceRunner& runner, int width, int height, const std::vector<float>& image,
                        const std::vector<float>& target, float lambda) {
-  Device& device = run.runner().device();
+  Device& device = runner.device();
   const ImageShape shape{width, height};
   const std::vector<float> padded = padded_planes(image, shape);
   Buffer<float> on_device(device, "image", padded.size()), v_image(device, "image gradient", padded.size());
   Buffer<float> targets(device, "target", target.size()), sums(device, "loss sums", 8);
   on_device.upload(padded), targets.upload(target);
-  run.runner().stages(3).image_loss({.shape = shape,
-                                     .image = on_device.view(),
-                                     .target = {},
-                                     .target_float = targets.view(),
-                                     .lambda_dssim = lambda,
-                                     .v_image = v_image.view(),
-                                     .sums = sums.view()});
+  runner.stages(3).image_loss({.shape = shape,
+                               .image = on_device.view(),
+                               .target = {},
+                               .target_float = targets.view(),
+                               .lambda_dssim = lambda,
+                               .v_image = v_image.view(),
+                               .sums = sums.view()});
   const std::vector<float> values = sums.download(), g = cropped_planes(v_image.download(), shape);
   const bool finite = std::isfinite(values[0]) && std::isfinite(values[1]) &&
                       std::ranges::all_of(g, [](float v) { return std::isfinite(v); });
@@ -59,44 +59,43 @@ double distance(const std::vector<double>& a, const std::vector<double>& b) {
   return difference == 0 ? 0 : std::sqrt(difference / std::max(size, 1e-30));
 }
 
-void compare_loss(RowRun& run, int width, int height, const std::vector<float>& image,
+void compare_loss(Row& row, int width, int height, const std::vector<float>& image,
                   const std::vector<float>& target) {
-  run.count(1);
-  const LossResult actual = device_loss(run, width, height, image, target, 0.2f);
-  run.require(actual.finite, fmt::format("{}x{}: the loss or its gradient is not finite", width, height));
+  const LossResult actual = device_loss(row.runner(), width, height, image, target, 0.2f);
+  INFO(width << "x" << height);
+  CHECK(actual.finite);
   const std::vector<double> a(image.begin(), image.end()), b(target.begin(), target.end());
   const double lambda = 0.2f;
   const double ssim = oracle::ssim(a, b, 3, height, width);
   const std::vector<double> g = oracle::image_gradient(a, b, width, height, lambda);
-  run.value_error(std::abs(actual.ssim - ssim), kPromise, fmt::format("SSIM of {}x{}", width, height));
-  run.value_error(distance(actual.gradient, g), kPromise,
-                  fmt::format("loss gradient of {}x{}", width, height));
+  row.check_error(std::abs(actual.ssim - ssim), "SSIM");
+  row.check_error(distance(actual.gradient, g), "gradient of the loss");
 }
 
-void losses(RowRun& run) {
+TEST_CASE_METHOD(Row, "loss: 1x1 to 33x17, constant, black, equal, far outside 0 to 1", "[stage]") {
   constexpr int kSizes[][2] = {{1, 1}, {3, 3}, {10, 10}, {11, 11}, {12, 7}, {40, 1}, {1, 40}, {33, 17}};
   for (const auto& s : kSizes) {
     const int w = s[0], h = s[1];
     const std::vector<float> noise = random_image(w, h, 1, 0, 1), other = random_image(w, h, 2, 0, 1);
     const std::vector<float> black(noise.size(), 0.0f), grey(noise.size(), 0.5f), white(noise.size(), 1.0f);
-    compare_loss(run, w, h, noise, other);
-    compare_loss(run, w, h, black, black);
-    compare_loss(run, w, h, grey, grey);
-    compare_loss(run, w, h, black, white);
-    compare_loss(run, w, h, noise, black);
-    compare_loss(run, w, h, random_image(w, h, 3, -3, 5), other);
+    compare_loss(*this, w, h, noise, other);
+    compare_loss(*this, w, h, black, black);
+    compare_loss(*this, w, h, grey, grey);
+    compare_loss(*this, w, h, black, white);
+    compare_loss(*this, w, h, noise, black);
+    compare_loss(*this, w, h, random_image(w, h, 3, -3, 5), other);
   }
 }
 
-// ---- 24: Adam ----
+// ---- Adam ----
 
 struct AdamResult {
   float param, moment1, moment2;
 };
 
-std::vector<AdamResult> device_adam(RowRun& run, const std::vector<float>& gradients, float start,
+std::vector<AdamResult> device_adam(DeviceRunner& runner, const std::vector<float>& gradients, float start,
                                     std::uint64_t step) {
-  Device& device = run.runner().device();
+  Device& device = runner.device();
   SplatModel model(3, gradients.size());
   std::ranges::fill(model.values, start);
   DeviceModel on_device(device, model);
@@ -107,12 +106,12 @@ std::vector<AdamResult> device_adam(RowRun& run, const std::vector<float>& gradi
   v.zero(), m1.zero(), m2.zero();
   rates.upload(std::vector<float>(rates.size(), 0.01f));
   v.upload(gradients);
-  run.runner().stages(3).adam({.splats = on_device.view(),
-                               .v_params = v.view(),
-                               .moment1 = m1.view(),
-                               .moment2 = m2.view(),
-                               .learning_rates = rates.view(),
-                               .step = step});
+  runner.stages(3).adam({.splats = on_device.view(),
+                         .v_params = v.view(),
+                         .moment1 = m1.view(),
+                         .moment2 = m2.view(),
+                         .learning_rates = rates.view(),
+                         .step = step});
   const SplatModel after = on_device.download();
   const std::vector<float> a = m1.download(), b = m2.download();
   std::vector<AdamResult> result;
@@ -122,15 +121,14 @@ std::vector<AdamResult> device_adam(RowRun& run, const std::vector<float>& gradi
 
 // Gradients below 1e-15 (epsilon) and above 1.8e19 (whose square is infinite) give steps that vanish; all
 // others those of double precision.
-void adam(RowRun& run) {
+TEST_CASE_METHOD(Row, "Adam: gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", "[stage]") {
   std::vector<float> gradients{0.0f, -0.0f, 1e-45f, -1e-42f, 1e19f};
   for (int e = -37; e <= 18; ++e)
     gradients.push_back(std::pow(10.0f, static_cast<float>(e)) * (e % 2 ? 1.0f : -1.0f));
   for (const std::uint64_t step :
        {std::uint64_t{1}, std::uint64_t{2}, std::uint64_t{1000}, std::uint64_t{100000},
         std::uint64_t{10000000}, std::uint64_t{10000000000}}) {
-    const std::vector<AdamResult> actual = device_adam(run, gradients, 0, step);
-    run.count(gradients.size());
+    const std::vector<AdamResult> actual = device_adam(runner(), gradients, 0, step);
     for (std::size_t i = 0; i < gradients.size(); ++i) {
       const double g = gradients[i], beta1 = 0.9f, beta2 = 0.999f;
       const double bias1 = 1 - std::pow(beta1, static_cast<double>(step)),
@@ -142,25 +140,23 @@ void adam(RowRun& run) {
       // A denormal second moment may be 0.
       const double expected = step_with(v), other = v < FLT_MIN ? step_with(0) : expected;
       const double error = std::min(std::abs(actual[i].param - expected), std::abs(actual[i].param - other));
-      run.require(std::isfinite(actual[i].param) && std::isfinite(actual[i].moment1) &&
-                      std::isfinite(actual[i].moment2),
-                  fmt::format("Adam with gradient {} at step {} is not finite", gradients[i], step));
+      INFO("gradient " << gradients[i] << " at step " << step);
+      CHECK(std::isfinite(actual[i].param));
+      CHECK(std::isfinite(actual[i].moment1));
+      CHECK(std::isfinite(actual[i].moment2));
       // Steps far below the rate are the region of epsilon; flushed denormals may make them exact zeros.
-      run.value_error(error / std::max(std::abs(expected), 1e-7), kPromise,
-                      fmt::format("Adam step of gradient {} at step {}", gradients[i], step));
+      check_error(error / std::max(std::abs(expected), 1e-7), "step");
     }
   }
-  const std::vector<AdamResult> beyond = device_adam(run, {3e38f, -3e38f, 1e20f}, 1, 1);
-  for (const AdamResult& r : beyond)
-    run.require(std::isfinite(r.param), "Adam with an enormous gradient is not finite");
+  for (const AdamResult& r : device_adam(runner(), {3e38f, -3e38f, 1e20f}, 1, 1))
+    CHECK(std::isfinite(r.param));
 }
 
-// ---- 22: relocation and growth ----
+// ---- Relocation and growth ----
 
 struct Population {
-  Population(RowRun& run, const std::vector<float>& opacities, std::size_t capacity)
-      : device(run.runner().device()),
-        model(make(opacities)),
+  Population(Device& device, const std::vector<float>& opacities, std::size_t capacity)
+      : model(make(opacities)),
         on_device(device, model, capacity),
         m1(device, "first moments", rows()),
         m2(device, "second moments", rows()) {
@@ -172,86 +168,81 @@ struct Population {
     return c.model;
   }
   std::size_t rows() const { return static_cast<std::size_t>(on_device.rows()) * on_device.stride(); }
-  Device& device;
   SplatModel model;
   DeviceModel on_device;
   Buffer<float> m1, m2;
 };
 
-void check_opacities(RowRun& run, const SplatModel& after, const std::string& what) {
-  for (const float raw : after.row(after.layout().opacity))
-    run.require(std::isfinite(raw) && sigmoid(raw) >= 0.00499, fmt::format("{}: raw opacity {}", what, raw));
+std::uint32_t relocate(DeviceRunner& runner, Population& p) {
+  return runner.stages(3).relocate({.splats = p.on_device.view(),
+                                    .moment1 = p.m1.view(),
+                                    .moment2 = p.m2.view(),
+                                    .seed = 1,
+                                    .iteration = 600});
 }
 
-void relocate(RowRun& run, const std::string& what, const std::vector<float>& opacities,
-              std::uint32_t expected) {
-  run.count(1);
-  Population p(run, opacities, opacities.size());
-  const std::uint32_t moved = run.runner().stages(3).relocate({.splats = p.on_device.view(),
-                                                               .moment1 = p.m1.view(),
-                                                               .moment2 = p.m2.view(),
-                                                               .seed = 1,
-                                                               .iteration = 600});
-  run.require(moved == expected, fmt::format("{}: {} moved instead of {}", what, moved, expected));
-  if (moved > 0) check_opacities(run, p.on_device.download(), what);
+void check_relocation(Row& row, const std::string& what, const std::vector<float>& opacities,
+                      std::uint32_t expected) {
+  INFO(what);
+  Population p(row.device(), opacities, opacities.size());
+  CHECK(relocate(row.runner(), p) == expected);
+  if (expected == 0) return;
+  const SplatModel after = p.on_device.download();
+  for (const float raw : after.row(after.layout().opacity)) {
+    CHECK(std::isfinite(raw));
+    CHECK(sigmoid(raw) >= 0.00499);
+  }
 }
 
-void relocation(RowRun& run) {
+TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies of one", "[stage]") {
   const float inf = std::numeric_limits<float>::infinity(), dead = -9;
-  relocate(run, "all dead", std::vector<float>(50, dead), 0);
-  relocate(run, "all alive", std::vector<float>(50, 1.0f), 0);
-  relocate(run, "all opaque", std::vector<float>(50, inf), 0);
+  check_relocation(*this, "all dead", std::vector<float>(50, dead), 0);
+  check_relocation(*this, "all alive", std::vector<float>(50, 1.0f), 0);
+  check_relocation(*this, "all opaque", std::vector<float>(50, inf), 0);
   std::vector<float> one(1000, dead);
   one[500] = 20;
-  relocate(run, "999 copies of one opaque splat", one, 999);
-  relocate(run, "NaN is dead", {1.0f, NAN, 2.0f, -inf}, 2);
-  relocate(run, "nothing but NaN", {NAN, NAN}, 0);
+  check_relocation(*this, "999 copies of one opaque splat", one, 999);
+  check_relocation(*this, "NaN is dead", {1.0f, NAN, 2.0f, -inf}, 2);
+  check_relocation(*this, "nothing but NaN", {NAN, NAN}, 0);
 
   // The opacity of a source and its n copies keeps (1 - o')^(n + 1) = 1 - o, down to the floor of 0.005.
   for (const std::uint32_t copies : {1u, 5u, 200u}) {
-    run.count(1);
     std::vector<float> opacities(copies + 1, dead);
     opacities[0] = 4;
-    Population p(run, opacities, opacities.size());
-    run.runner().stages(3).relocate({.splats = p.on_device.view(),
-                                     .moment1 = p.m1.view(),
-                                     .moment2 = p.m2.view(),
-                                     .seed = 1,
-                                     .iteration = 600});
+    Population p(device(), opacities, opacities.size());
+    relocate(runner(), p);
     const SplatModel after = p.on_device.download();
     const double parts = static_cast<double>(copies) + 1;
     const double expected = std::max(0.005, 1 - std::exp(std::log1p(-sigmoid(4)) / parts));
     for (const float raw : after.row(after.layout().opacity))
-      run.value_error(std::abs(sigmoid(raw) - expected) / expected, kPromise, "opacity after relocation");
+      check_error(std::abs(sigmoid(raw) - expected) / expected, "opacity after relocation");
   }
 }
 
-void growth(RowRun& run) {
+TEST_CASE_METHOD(Row, "growth: from one splat, opaque ones, beside NaN", "[stage]") {
   const float inf = std::numeric_limits<float>::infinity();
   for (const auto& [what, opacities] : {std::pair<std::string, std::vector<float>>{"one", {3.0f}},
                                         {"opaque", {inf, 100.0f}},
                                         {"NaN among others", {NAN, 1.0f, -inf}}}) {
-    run.count(1);
-    Population p(run, opacities, 64);
-    run.runner().stages(3).grow({.splats = p.on_device.view(),
-                                 .target = 64,
-                                 .moment1 = p.m1.view(),
-                                 .moment2 = p.m2.view(),
-                                 .seed = 2,
-                                 .iteration = 600});
+    INFO(what);
+    Population p(device(), opacities, 64);
+    runner().stages(3).grow({.splats = p.on_device.view(),
+                             .target = 64,
+                             .moment1 = p.m1.view(),
+                             .moment2 = p.m2.view(),
+                             .seed = 2,
+                             .iteration = 600});
     p.on_device.set_count(64);
     const SplatModel after = p.on_device.download();
-    for (std::size_t i = opacities.size(); i < 64; ++i) {
-      const float raw = after.row(after.layout().opacity)[i];
-      run.require(std::isfinite(raw), fmt::format("growth, {}: splat {} has raw opacity {}", what, i, raw));
-    }
+    for (std::size_t i = opacities.size(); i < 64; ++i)
+      CHECK(std::isfinite(after.row(after.layout().opacity)[i]));
   }
 }
 
-// ---- 23: noise ----
+// ---- Noise ----
 
 // |d| <= amount |Sigma_x| |normals|; Box-Muller over 32-bit words gives normals below 6.7.
-void noise(RowRun& run) {
+TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60, ratios to 1e14", "[stage]") {
   for (const double scale : {1e-7, 1e-3, 1.0, 1e4, 1e18, 1e30})
     for (const double thin : {1.0, 1e-7}) {
       Case c = row_case("noise", 3, 64);
@@ -261,33 +252,24 @@ void noise(RowRun& run) {
         plan.omega = 0.5;
         put_splat(c, i, plan);
       }
-      DeviceModel model(run.runner().device(), c.model);
+      DeviceModel model(device(), c.model);
       const double amount = 1e-3;
-      run.runner().stages(3).add_noise(
+      runner().stages(3).add_noise(
           {.splats = model.view(), .amount = static_cast<float>(amount), .seed = 3, .iteration = 5});
       const SplatModel after = model.download();
-      run.count(1);
+      INFO("scales " << scale << " and " << scale * thin);
       const double largest = amount * 3 * scale * scale * 6.7 * std::sqrt(3.0);
       double moved = 0;
       for (int row = 0; row < 3; ++row)
         for (const float x : after.row(row)) {
-          run.require(std::isfinite(x), fmt::format("scale {}: a displacement is not finite", scale));
-          run.require(std::abs(x) <= largest, fmt::format("scale {}: a displacement of {}", scale, x));
+          CHECK(std::isfinite(x));
+          CHECK(std::abs(x) <= largest);
           moved = std::max<double>(moved, std::abs(x));
         }
-      if (scale == 1) run.require(moved > 0, "noise moves nothing");
-      if (scale > 1e29) run.require(moved == 0, "a displacement beyond single precision must be left out");
+      if (scale == 1) CHECK(moved > 0);
+      if (scale > 1e29) CHECK(moved == 0);  // a displacement beyond single precision is skipped
     }
 }
 
 }  // namespace
-
-std::vector<Row> image_rows() {
-  return {{"22.relocation", "all dead, all alive, opaque, NaN, 999 copies of one", relocation},
-          {"22.growth", "from one splat, opaque ones, beside NaN", growth},
-          {"23.noise", "covariances from 1e-14 to 1e60, ratios to 1e14", noise},
-          {"24.adam", "gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", adam},
-          {"25.loss", "1x1 to 33x17: constant, black, equal, far outside [0,1]", losses}};
-}
-
 }  // namespace ubs::stress

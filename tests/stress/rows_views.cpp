@@ -1,57 +1,52 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rows about views and crowds: sizes of images, numbers of splats, order in depth, far coordinates.
 #include <algorithm>
+#include <catch2/catch.hpp>
 #include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/oracle/scenes.hpp"
 #include "host/pipeline/slot_store.hpp"
-#include "host/stress/row.hpp"
-#include "host/stress/row_scene.hpp"
+#include "tests/stress/row.hpp"
 
 namespace ubs::stress {
 namespace {
 
-void one_covers_all(RowRun& run) {
+TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
   Case c = row_case("covers", 3, 1);
   c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
   c.camera.fx = c.camera.fy = 3840;
   SplatPlan plan;
   plan.scale = {40, 50, 0.5}, plan.omega = 0;
   put_splat(c, 0, plan);
-  const DeviceResult all = run.runner().run(c, {});
-  run.require(all.totals.intersections == 240u * 135u,
-              fmt::format("{} of {} tiles are listed", all.totals.intersections, 240 * 135));
+  CHECK(runner().run(c, {}).totals.intersections == 240u * 135u);  // every tile is listed
   // Compared in a crop of its middle: the oracle takes a minute for the whole.
   c.camera.width = c.camera.height = 64, c.camera.cx = c.camera.cy = 30;
-  run.examine(c);
+  check_case(c);
 }
 
 // More intersections than the device has room for gradient slots: a refusal that says how many, before
 // anything is allocated.
-void too_many(RowRun& run) {
+TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory for", "[view]") {
   const std::uint64_t tiles = 240 * 135;
-  const DeviceInfo& device = run.runner().device().info();
-  const std::uint64_t most = std::min(SlotStore::most(device), device.memory_bytes / 64);
+  const DeviceInfo& info = device().info();
+  const std::uint64_t most = std::min(SlotStore::most(info), info.memory_bytes / 64);
   const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 32) / tiles + 2;
   Case c = row_case("too_many", 3, static_cast<std::size_t>(splats));
   c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
   SplatPlan plan;
   plan.scale = {1e4, 1e4, 0.5}, plan.omega = 0;
   for (std::size_t i = 0; i < c.model.count; ++i) put_splat(c, i, plan);
-  run.count(1);
   try {
-    run.runner().run(c, pixel_weights(c));
-    run.note(fmt::format("{} splats over {} tiles fit this device", splats, tiles));
+    runner().run(c, pixel_weights(c));
+    WARN(splats << " splats over " << tiles << " tiles fit into the memory of this device");
   } catch (const Error& error) {
-    run.require(error.kind() == ErrorKind::memory, error.what());
-    run.require(std::string(error.what()).find(std::to_string(splats * tiles)) != std::string::npos,
-                fmt::format("the refusal does not say how many there are: {}", error.what()));
-    run.note(fmt::format("refused (exit 6): {} intersections", splats * tiles));
+    CHECK(error.kind() == ErrorKind::memory);
+    CHECK_THAT(error.what(), Catch::Contains(std::to_string(splats * tiles)));
   }
 }
 
-void image_sizes(RowRun& run) {
+TEST_CASE_METHOD(Row, "image sizes: 1x1 to 8191x1 and 7680x40", "[view]") {
   constexpr int kSizes[][2] = {{1, 1},   {17, 3},   {3, 65},   {16, 16},
                                {15, 17}, {8191, 1}, {1, 4097}, {7680, 40}};
   for (const int dim : {3, 6})
@@ -65,12 +60,12 @@ void image_sizes(RowRun& run) {
         plan.position = {2 * across, 0.05 * (static_cast<double>(i) - 6) * size[1] / 32, 2};
         put_splat(c, i, plan);
       }
-      run.examine(c);
+      check_case(c);
     }
 }
 
 // 130 000 tiles: every one of them drawn, with one splat near each corner.
-void large_image(RowRun& run) {
+TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
   Case c = row_case("8k", 6, 4);
   c.camera.width = 7680, c.camera.height = 4320, c.camera.cx = 3840, c.camera.cy = 2160;
   c.camera.fx = c.camera.fy = 7680;
@@ -81,8 +76,7 @@ void large_image(RowRun& run) {
     plan.scale = {0.002, 0.003, 0.002}, plan.coupling = 0.001, plan.opacity_raw = 3;
     put_splat(c, i, plan);
   }
-  const DeviceResult result = run.runner().run(c, {});
-  run.count(1);
+  const DeviceResult result = runner().run(c, {});
   const std::size_t pixels = result.alpha.size();
   std::size_t wrong = 0, touched = 0;
   for (std::size_t i = 0; i < pixels; ++i) {
@@ -92,8 +86,9 @@ void large_image(RowRun& run) {
     wrong +=
         !finite || (result.alpha[i] == 0 && std::abs(result.image[i] - c.settings.background[0]) > 1e-6f);
   }
-  run.require(wrong == 0, fmt::format("{} pixels are not finite or not the background", wrong));
-  run.require(touched > 40 && touched < 4000, fmt::format("{} pixels are covered", touched));
+  CHECK(wrong == 0);  // not finite, or not the background where nothing was drawn
+  CHECK(touched > 40);
+  CHECK(touched < 4000);
   // The same corners by themselves, against float64.
   for (std::size_t i = 0; i < 4; ++i) {
     Case corner = c;
@@ -101,21 +96,21 @@ void large_image(RowRun& run) {
     corner.camera.width = corner.camera.height = 24;
     corner.camera.cx -= std::min(7656.0, std::max(0.0, places[i][0] - 12));
     corner.camera.cy -= std::min(4296.0, std::max(0.0, places[i][1] - 12));
-    run.examine(corner);
+    check_case(corner);
   }
 }
 
-void few_splats(RowRun& run) {
+TEST_CASE_METHOD(Row, "few splats: none at all, none in view, one", "[view]") {
   for (const int dim : kRowDims) {
-    run.examine(row_case("none", dim, 0));
-    run.examine(row_case("one", dim, 1));
+    check_case(row_case("none", dim, 0));
+    check_case(row_case("one", dim, 1));
     Case c = row_case("behind", dim, 5);
     for (float& z : c.model.row(2)) z = -5;
-    run.examine(c);
+    check_case(c);
   }
 }
 
-void crowded_tile(RowRun& run) {
+TEST_CASE_METHOD(Row, "crowded tile: 20 000 splats in a tile", "[view]") {
   for (const int dim : {3, 6}) {
     Case c = row_case("crowded", dim, 20000);
     c.camera.width = c.camera.height = 20, c.camera.cx = c.camera.cy = 8;
@@ -129,11 +124,11 @@ void crowded_tile(RowRun& run) {
       plan.coupling = 0.02, plan.query_offset = 0.1;
       put_splat(c, i, plan);
     }
-    run.examine(c);
+    check_case(c);
   }
 }
 
-void equal_depths(RowRun& run) {
+TEST_CASE_METHOD(Row, "equal depths: 40 splats, ordered by index", "[view]") {
   for (const int dim : kRowDims) {
     Case c = row_case("equal_depths", dim, 40);
     for (std::size_t i = 0; i < 40; ++i) {
@@ -142,11 +137,11 @@ void equal_depths(RowRun& run) {
       plan.coupling = 0;  // the conditional mean is the mean: depths are equal bits
       put_splat(c, i, plan);
     }
-    run.examine(c);
+    check_case(c);
   }
 }
 
-void far_coordinates(RowRun& run) {
+TEST_CASE_METHOD(Row, "far coordinates: 1e5 to 1e7 from the origin", "[view]") {
   for (const int dim : kRowDims)
     for (const double far : {1e5, 1e6, 1e7}) {
       Case c = row_case("far", dim, 8);
@@ -159,21 +154,9 @@ void far_coordinates(RowRun& run) {
         plan.scale = {8, 10, 6}, plan.coupling = 3;
         put_splat(c, i, plan);
       }
-      run.examine(c);
+      check_case(c);
     }
 }
 
 }  // namespace
-
-std::vector<Row> view_rows() {
-  return {{"11.one_covers_all", "one splat over 3840x2160", one_covers_all},
-          {"11.too_many", "more intersections than the device has room for", too_many},
-          {"12.image_sizes", "1x1 to 8191x1 and 7680x40", image_sizes},
-          {"12.large_image", "7680x4320", large_image},
-          {"14.few_splats", "none at all, none in view, one", few_splats},
-          {"15.equal_depths", "40 equal depths: ordered by index", equal_depths},
-          {"15.crowded_tile", "20 000 splats in a tile", crowded_tile},
-          {"16.far_coordinates", "1e5 to 1e7 from the origin", far_coordinates}};
-}
-
 }  // namespace ubs::stress

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the formulas of kernels/math lose more than the promise. Each limit names a number of the model by
-// which rounding is amplified; an error may be a stated multiple of (half an ulp) * (that number), at most
-// twice what was observed. A run counts the cases by limit and fails where one gets worse.
+// which rounding is amplified; the error of a gradient may be a stated multiple of (half an ulp) * (that
+// number), at most twice what was observed. Images have no known limits. A run counts the cases by limit and
+// fails where one gets worse.
 #pragma once
 
 #include <string>
@@ -15,12 +16,10 @@ struct Verdict;
 
 struct KnownLimit {
   std::string name;
-  std::string number;  // what amplifies, in words
   double (*amplification)(const oracle::Study&);
-  double value, gradient;  // largest errors in units of 2^-24 * amplification
-  // From here on of 2^-24 * amplification no digit of the gradient, and of the image, is promised: only that
-  // all is finite and within the colours.
-  double gradient_lost, value_lost;
+  double factor;  // largest gradient error in units of 2^-24 * amplification
+  // From this 2^-24 * amplification on no digit of the gradient is promised: only that all is finite.
+  double lost;
 };
 
 const std::vector<KnownLimit>& known_limits();

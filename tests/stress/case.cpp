@@ -1,17 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/stress/row_scene.hpp"
+#include "tests/stress/case.hpp"
 
 #include <cmath>
 #include <limits>
 
 #include "host/base/error.hpp"
+#include "host/base/philox.hpp"
 #include "host/oracle/scenes.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs::stress {
+namespace {
 
 double raw_scale(double scale) {
   return scale == 0 ? -std::numeric_limits<double>::infinity() : inverse_softplus_of(scale);
+}
+
+}  // namespace
+
+std::vector<float> pixel_weights(const Case& c) {
+  const std::uint64_t width = static_cast<std::uint64_t>(c.camera.width),
+                      height = static_cast<std::uint64_t>(c.camera.height);
+  const CounterRandom random(c.seed, 0x57656967u);
+  std::vector<float> weights(3 * width * height);
+  for (std::uint64_t y = 0; y < height; ++y)
+    for (std::uint64_t x = 0; x < width; ++x) {
+      const std::uint64_t item = y << 32 | x;
+      for (std::uint32_t channel = 0; channel < 3; ++channel)
+        weights[channel * width * height + y * width + x] =
+            static_cast<float>(random.uniform(item, channel, -1, 1));
+    }
+  return weights;
 }
 
 Case row_case(const std::string& name, int dim, std::size_t splats, const ModelVariant& variant) {

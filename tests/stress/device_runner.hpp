@@ -6,10 +6,11 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <span>
 #include <tuple>
 
 #include "host/device/registry.hpp"
-#include "host/stress/case.hpp"
+#include "tests/stress/case.hpp"
 
 namespace ubs::stress {
 
@@ -19,6 +20,8 @@ struct DeviceResult {
   SplatModel gradient;       // of sum(weights * image), in the place of each parameter
   ListTotals totals;
 };
+
+bool same_bits(std::span<const float> a, std::span<const float> b);
 
 class DeviceRunner {
  public:

@@ -4,13 +4,12 @@
 #pragma once
 
 #include <limits>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "host/oracle/study.hpp"
-#include "host/stress/device_runner.hpp"
+#include "tests/stress/device_runner.hpp"
 
 namespace ubs::stress {
 
@@ -50,9 +49,7 @@ struct Verdict {
   double value_error = 0, gradient_error = 0;  // relative 2-norms over the decided pixels
   double value_floor = 0, gradient_floor = 0;  // what half-ulp rounding of the inputs makes
   std::string worst_group;
-  bool finite = true;
-  std::size_t splats = 0, drawn = 0, culled = 0;
-  std::size_t pixels = 0, undecided = 0;
+  std::size_t drawn = 0, pixels = 0, undecided = 0;
 };
 
 // The half of the work that needs no device; cases may be prepared in parallel.

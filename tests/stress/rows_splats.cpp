@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rows about single splats: what their parameters may be and where they may stand. Each is a set of cases
 // compared with float64.
+#include <catch2/catch.hpp>
 #include <cfloat>
 #include <cmath>
 
 #include "host/base/error.hpp"
 #include "host/oracle/scenes.hpp"
-#include "host/stress/row.hpp"
-#include "host/stress/row_scene.hpp"
+#include "tests/stress/row.hpp"
 
 namespace ubs::stress {
 namespace {
 
 // Depths at which the camera and the near plane are met exactly: rotation and centre are exact, and without a
 // coupling the conditional mean is the mean.
-void near_plane(RowRun& run) {
+TEST_CASE_METHOD(Row, "near plane: means at 0, +-1e-8, the near plane and one ulp beside it", "[splat]") {
   const float near = 0.01f;
   for (const int dim : kRowDims)
     for (const double z :
@@ -26,13 +26,12 @@ void near_plane(RowRun& run) {
       plan.query_offset = 0.1;
       put_splat(c, 0, plan);
       c.exact = true;
-      const Verdict v = run.examine(c);
-      run.require((v.drawn == 2) == (static_cast<float>(z) >= near),
-                  fmt::format("z = {}: {} splats drawn", z, v.drawn));
+      INFO("N = " << dim << ", z = " << z);
+      CHECK(check_case(c).drawn == (static_cast<float>(z) >= near ? 2 : 1));
     }
 }
 
-void beside_the_frustum(RowRun& run) {
+TEST_CASE_METHOD(Row, "beside the frustum: x/z to 1e4, elongated", "[splat]") {
   for (const int dim : kRowDims)
     for (const double slope : {0.64, 0.66, 1.0, 10.0, 100.0, 1e3, 1e4})
       for (const bool vertical : {false, true}) {
@@ -42,11 +41,11 @@ void beside_the_frustum(RowRun& run) {
         plan.position = {vertical ? 0.1 : slope * z, vertical ? -slope * z : 0.1, z};
         plan.scale = {2 * slope * z, 0.5 * slope * z, 0.3};
         put_splat(c, 0, plan);
-        run.examine(c);
+        check_case(c);
       }
 }
 
-void principal_point(RowRun& run) {
+TEST_CASE_METHOD(Row, "principal point: up to 3000 px outside a 32 px image", "[splat]") {
   for (const int dim : kRowDims)
     for (const auto& [x, y] : {std::pair{-100.0, 12.0}, {200.0, -50.0}, {0.0, 0.0}, {3000.0, 3000.0}}) {
       Case c = row_case("principal", dim, 4);
@@ -57,13 +56,13 @@ void principal_point(RowRun& run) {
         plan.position = {(10.0 + 4.0 * static_cast<double>(i) - x) / 32 * z, (12 - y) / 32 * z, z};
         put_splat(c, i, plan);
       }
-      run.examine(c);
+      check_case(c);
     }
 }
 
 // Beside eps2d a thin axis only shows in large footprints: also seen through a lens of 32 times the focal
 // length.
-void needles(RowRun& run) {
+TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
   for (const int dim : kRowDims)
     for (const double zoom : {1.0, 32.0})
       for (const double ratio : {1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7}) {
@@ -77,12 +76,12 @@ void needles(RowRun& run) {
           plan.omega = 0.6;
           put_splat(c, i, plan);
         }
-        run.examine(c);
+        check_case(c);
       }
 }
 
 // A raw -inf is not drawn; the smallest finite scales are dots of half a pixel, the radius of eps2d.
-void zero_scales(RowRun& run) {
+TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -inf, -200)", "[splat]") {
   for (const int dim : kRowDims)
     for (const int zeros : {1, 2, 3, 4}) {
       Case c = row_case("zero_scale", dim, 2);
@@ -92,27 +91,27 @@ void zero_scales(RowRun& run) {
       plan.position = {-0.03125, -0.03125, 2};  // half a pixel: on a pixel centre
       if (zeros == 4) plan = {}, plan.query_scale = 0, plan.coupling = 0;
       put_splat(c, 0, plan);
-      run.examine(c);
+      check_case(c);
       for (float& v : c.model.values)
         if (v == -static_cast<float>(kInfinity)) v = -200;
-      run.examine(c);
+      check_case(c);
     }
 }
 
-void zero_rows(RowRun& run) {
+TEST_CASE_METHOD(Row, "zero rows: all parameters 0; the quaternion 0", "[splat]") {
   for (const int dim : kRowDims) {
     Case c = row_case("zero_row", dim, 3);
     c.camera.translation = {0, 0, 2};  // zeros are in front of the camera
     for (int row = 0; row < c.model.layout().count; ++row) c.model.row(row)[0] = 0;
-    run.examine(c);
+    check_case(c);
   }
   Case c = row_case("zero_quaternion", 3, 2, {.rot_mode = RotMode::quaternion});
   for (int row = c.model.layout().l_triangle; row < c.model.layout().count; ++row) c.model.row(row)[0] = 0;
-  run.examine(c);
+  check_case(c);
 }
 
 // Opacities that round to 1 in many layers: alpha is capped at 0.999, the stop acts on the second one.
-void opaque_layers(RowRun& run) {
+TEST_CASE_METHOD(Row, "opaque layers: 60 layers of opacity up to exactly 1", "[splat]") {
   for (const int dim : kRowDims)
     for (const double raw : {3.0, 6.90675478, 8.0, 17.0, 100.0, kInfinity}) {
       Case c = row_case("opaque", dim, 60);
@@ -122,11 +121,11 @@ void opaque_layers(RowRun& run) {
         plan.position = {0.01 * static_cast<double>(i % 7), 0, 2 + 0.0625 * static_cast<double>(i)};
         put_splat(c, i, plan);
       }
-      run.examine(c);
+      check_case(c);
     }
 }
 
-void faint(RowRun& run) {
+TEST_CASE_METHOD(Row, "faint: opacities from 1/255 to 0", "[splat]") {
   for (const int dim : kRowDims)
     for (const double raw :
          {-5.5373342670185366, -5.54, -8.0, -20.0, -60.0, -90.0, -100.0, -1000.0, -kInfinity}) {
@@ -134,30 +133,30 @@ void faint(RowRun& run) {
       SplatPlan plan;
       plan.opacity_raw = raw;
       put_splat(c, 0, plan);
-      run.examine(c);
+      check_case(c);
     }
   for (const double raw : {-5.5, -5.5373342670185366, -5.6, -30.0}) {
     Case c = row_case("faint_gaussian", 6, 2, {.kernel = SpatialKernel::gaussian});
     SplatPlan plan;
     plan.opacity_raw = raw, plan.scale = {0.1, 0.15, 0.1};
     put_splat(c, 0, plan);
-    run.examine(c);
+    check_case(c);
   }
 }
 
-// One value of one splat is poisoned_parameters; the others must look as if it had done no harm.
-void poisoned_parameters(RowRun& run) {
+// One value of one splat is poisoned; the others must look as if it had done no harm.
+TEST_CASE_METHOD(Row, "poison: every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", "[splat]") {
   constexpr double kValues[] = {kInfinity, -kInfinity, NAN, FLT_MAX, -FLT_MAX, FLT_MIN, 1e-45, -0.0};
   for (const int dim : {3, 6, 7})
     for (int row = 0; row < ParameterLayout(dim).count; ++row)
       for (const double value : kValues) {
         Case c = row_case(fmt::format("poison.row{}.{}", row, value), dim, 3);
         c.model.row(row)[1] = static_cast<float>(value);
-        run.examine(c);
+        check_case(c);
       }
 }
 
-void betas(RowRun& run, double first, double last) {
+void check_betas(Row& row, double first, double last) {
   for (const int dim : kRowDims)
     for (double raw = first; raw <= last; raw += 1)
       for (const bool query : {false, true}) {
@@ -170,15 +169,20 @@ void betas(RowRun& run, double first, double last) {
           plan.position = {0.2 * static_cast<double>(i) - 0.2, 0.1, 2 + 0.5 * static_cast<double>(i)};
           put_splat(c, i, plan);
         }
-        run.examine(c);
+        row.check_case(c);
       }
 }
 
-void low_betas(RowRun& run) { betas(run, -12, -1); }
-void high_betas(RowRun& run) { betas(run, 0, 12); }
+TEST_CASE_METHOD(Row, "low betas: raw betas -12 to -1, spatial and query", "[splat]") {
+  check_betas(*this, -12, -1);
+}
+
+TEST_CASE_METHOD(Row, "high betas: raw betas 0 to 12, spatial and query", "[splat]") {
+  check_betas(*this, 0, 12);
+}
 
 // Condition numbers of Sigma_q of about the square of coupling / scale: 1 to 1e12.
-void query_condition(RowRun& run) {
+TEST_CASE_METHOD(Row, "query condition: condition number of Sigma_q to 1e12", "[splat]") {
   for (const int dim : {4, 5, 6, 7})
     for (const double ratio : {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6})
       for (const double raw : {0.0, -1.0, -3.0}) {
@@ -190,11 +194,11 @@ void query_condition(RowRun& run) {
           plan.position = {0.2 * static_cast<double>(i) - 0.2, 0.1, 2 + 0.5 * static_cast<double>(i)};
           put_splat(c, i, plan);
         }
-        run.examine(c);
+        check_case(c);
       }
 }
 
-void queries(RowRun& run) {
+TEST_CASE_METHOD(Row, "queries: query = +-mean, camera in the splat, times 0, 1, outside", "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double time : {0.0, 1.0, -1.0, 2.0})
       for (const double offset : {0.0, -1.0}) {  // at the query exactly, or opposite to the direction
@@ -206,7 +210,7 @@ void queries(RowRun& run) {
         const ParameterLayout l = c.model.layout();
         if (offset != 0)
           for (int q = 0; q < l.query; ++q) c.model.row(l.mean + q)[0] *= -1;
-        run.examine(c);
+        check_case(c);
       }
   for (const int dim : kRowDims)  // inside the splat, at its mean, and just beside it
     for (const double z : {0.0, 1e-30, 1e-13, 1e-6, 0.02, 0.3}) {
@@ -214,11 +218,11 @@ void queries(RowRun& run) {
       SplatPlan plan;
       plan.position = {0, 0, z}, plan.scale = {1, 1.5, 2};
       put_splat(c, 0, plan);
-      run.examine(c);
+      check_case(c);
     }
 }
 
-void saturated_query(RowRun& run) {
+TEST_CASE_METHOD(Row, "saturated query: queries 2 to 1e30 from the mean", "[splat]") {
   for (const int dim : {4, 5, 6, 7})
     for (const double offset : {2.0, 2.88, 2.884, 2.89, 5.0, 100.0, 1e4, 1e10, 1e30})
       for (const double raw : {-5.0, 0.0}) {
@@ -226,13 +230,13 @@ void saturated_query(RowRun& run) {
         SplatPlan plan;
         plan.query_offset = offset, plan.query_beta_raw = raw, plan.coupling = 0;
         put_splat(c, 0, plan);
-        run.examine(c);
+        check_case(c);
       }
 }
 
 // Diagonals of the precision's factor from nothing to splats that are seen from a thousandth of all
 // directions, queries near and far from the mean, no and full weights.
-void direct_form(RowRun& run) {
+TEST_CASE_METHOD(Row, "direct conditioning: diagonals of L 0 to 1e3", "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double precision : {0.0, 1e-6, 1e-2, 1.0, 10.0, 29.0, 31.0, 1e2, 1e3})
       for (const double offset : {0.0, 0.5, 3.0})
@@ -246,12 +250,12 @@ void direct_form(RowRun& run) {
             plan.position = {0.2 * static_cast<double>(i) - 0.2, 0.1, 2 + 0.5 * static_cast<double>(i)};
             put_splat(c, i, plan);
           }
-          run.examine(c);
+          check_case(c);
         }
 }
 
 // Thresholds that both sides meet exactly: eps2d 0 and 24 / 96 * 8 make a radius of exactly 2 pixels.
-void rim_and_tiles(RowRun& run) {
+TEST_CASE_METHOD(Row, "rim and tiles: r = 1 at a pixel centre, means on tile edges", "[splat]") {
   for (const double shift : {0.5, 0.0, 16.0, 8.0}) {
     Case c = row_case("rim", 3, 1);
     c.exact = true;
@@ -261,30 +265,27 @@ void rim_and_tiles(RowRun& run) {
     SplatPlan plan;
     plan.position = {0, 0, 96}, plan.scale = {24, 24, 24}, plan.omega = 0;
     put_splat(c, 0, plan);
-    run.examine(c);
+    check_case(c);
   }
 }
 
-}  // namespace
-
-std::vector<Row> render_rows() {
-  return {
-      {"01.near_plane", "means at 0, +-1e-8, the near plane and one ulp beside it", near_plane},
-      {"02.beside_frustum", "x/z to 1e4, elongated", beside_the_frustum},
-      {"03.principal_point", "principal point up to 3000 px outside a 32 px image", principal_point},
-      {"04.needles", "scale ratios 1e1 to 1e7", needles},
-      {"05.zero_scales", "one, two, three or the query scales 0 (raw -inf, -200)", zero_scales},
-      {"06.zero_rows", "all parameters 0; the quaternion 0", zero_rows},
-      {"07.opaque_layers", "60 layers of opacity up to exactly 1", opaque_layers},
-      {"08.faint", "opacities from 1/255 to 0", faint},
-      {"09.poison", "every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", poisoned_parameters},
-      {"17.low_betas", "raw betas -12 to -1, spatial and query", low_betas},
-      {"18.high_betas", "raw betas 0 to 12, spatial and query", high_betas},
-      {"18.rim_and_tiles", "r = 1 at a pixel centre, means on tile edges", rim_and_tiles},
-      {"19.query_condition", "condition number of Sigma_q to 1e12", query_condition},
-      {"19.direct", "direct conditioning, diagonals of L 0 to 1e3", direct_form},
-      {"20.queries", "query = +-mean, camera in the splat, times 0, 1, outside", queries},
-      {"21.saturated_query", "queries 2 to 1e30 from the mean", saturated_query}};
+TEST_CASE_METHOD(Row, "a splat with a parameter beyond all reason is not drawn and has no gradient",
+                 "[splat]") {
+  const Case good = row_case("range", 6, 3);
+  REQUIRE(runner().run(good, {}).totals.visible == 3);
+  for (const float value : {1.1e12f, -3.4e38f, -INFINITY, NAN})
+    for (int row = 0; row < good.model.layout().count; ++row) {
+      Case c = good;
+      c.model.row(row)[1] = value;
+      const DeviceResult result = runner().run(c, pixel_weights(c));
+      INFO("row " << row << " = " << value);
+      CHECK(result.totals.visible == 2);
+      for (int r = 0; r < c.model.layout().count; ++r) {
+        CHECK(result.gradient.row(r)[1] == 0);
+        CHECK(std::isfinite(result.gradient.row(r)[0]));
+      }
+    }
 }
 
+}  // namespace
 }  // namespace ubs::stress

@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Properties of every model: order, definiteness, the same bits again. That images stay within their colours,
-// that gradients are finite, those of culled splats zero and all others those of float64 is asked of every
-// case of every row (judge.cpp).
+// Properties of every model: order and definiteness. judge.cpp checks the others for every case of every row:
+// images stay within their colours, gradients are finite, those of culled splats are zero, and all others are
+// those of float64.
+#include <catch2/catch.hpp>
 #include <cmath>
-#include <cstring>
 
 #include "host/base/error.hpp"
 #include "host/oracle/frame.hpp"
 #include "host/oracle/scenes.hpp"
-#include "host/stress/random_case.hpp"
-#include "host/stress/row.hpp"
-#include "host/stress/row_scene.hpp"
+#include "tests/stress/row.hpp"
 
 namespace ubs::stress {
 namespace {
@@ -20,10 +18,6 @@ Case permuted(const Case& c, const std::vector<std::size_t>& order) {
   for (int row = 0; row < c.model.layout().count; ++row)
     for (std::size_t i = 0; i < order.size(); ++i) result.model.row(row)[i] = c.model.row(row)[order[i]];
   return result;
-}
-
-bool same_bits(std::span<const float> a, std::span<const float> b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
 // Turns a few splats into needles, and gives every second splat small query scales with weights below 1. In
@@ -47,25 +41,25 @@ void stiffen(Case& c) {
 }
 
 // Depths differ: another order of the splats gives the same image bits, and their gradients move along.
-void order(RowRun& run) {
+TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradients are bit-identical",
+                 "[property]") {
   oracle::Random random(11);
   for (const int dim : kRowDims)
     for (std::uint64_t seed = 0; seed < 4; ++seed) {
-      run.count(1);
+      INFO("N = " << dim << ", seed " << seed);
       Case c = ordinary_case("order", dim, 70, seed);
       if (seed % 2 == 1) stiffen(c);
       std::vector<std::size_t> order(c.model.count);
       for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
       for (std::size_t i = order.size(); i-- > 1;) std::swap(order[i], order[random.bits() % (i + 1)]);
       const std::vector<float> weights = pixel_weights(c);
-      const DeviceResult a = run.runner().run(c, weights), b = run.runner().run(permuted(c, order), weights);
-      run.require(same_bits(a.image, b.image),
-                  fmt::format("N = {}, seed {}: the image depends on the order", dim, seed));
+      const DeviceResult a = runner().run(c, weights), b = runner().run(permuted(c, order), weights);
+      CHECK(same_bits(a.image, b.image));
       bool equal = true;
       for (int row = 0; row < c.model.layout().count; ++row)
         for (std::size_t i = 0; i < order.size(); ++i)
           equal = equal && b.gradient.row(row)[i] == a.gradient.row(row)[order[i]];
-      run.require(equal, fmt::format("N = {}, seed {}: a gradient depends on the order", dim, seed));
+      CHECK(equal);
     }
 }
 
@@ -88,7 +82,7 @@ Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   return c;
 }
 
-void definiteness(RowRun& run) {
+TEST_CASE_METHOD(Row, "definiteness: strongly coupled models in both covariance modes", "[property]") {
   for (const int dim : {5, 6, 7})
     for (const CovMode mode : {CovMode::whiten, CovMode::upper}) {
       const Case c = coupled_case(dim, mode, static_cast<std::uint64_t>(dim));
@@ -97,32 +91,11 @@ void definiteness(RowRun& run) {
       const oracle::Frame frame(oracle::to_model(c.model), c.camera, options);
       std::size_t indefinite = 0;
       for (const oracle::Footprint<double>& f : frame.culled) indefinite += f.in_range;
-      if (mode == CovMode::whiten)
-        run.require(indefinite == 0,
-                    fmt::format("whiten, N = {}: {} indefinite covariances", dim, indefinite));
-      else
-        run.note(fmt::format("upper N = {}: {} of {} indefinite and culled", dim, indefinite, c.model.count));
-      run.examine(c);
+      INFO("N = " << dim);
+      if (mode == CovMode::whiten) CHECK(indefinite == 0);
+      check_case(c);
     }
 }
 
-void repeat(RowRun& run) {
-  for (std::uint64_t number = 0; number < 60; ++number) {
-    run.count(1);
-    const Case c = random_case(3, number);
-    const std::vector<float> weights = pixel_weights(c);
-    const DeviceResult a = run.runner().run(c, weights), b = run.runner().run(c, weights);
-    run.require(same_bits(a.image, b.image) && same_bits(a.gradient.values, b.gradient.values),
-                fmt::format("{}: two runs differ", c.name));
-  }
-}
-
 }  // namespace
-
-std::vector<Row> property_rows() {
-  return {{"p3.order", "another order of the splats: the same image and gradients, bit for bit", order},
-          {"p4.definiteness", "strongly coupled models in the three covariance modes", definiteness},
-          {"p6.repeat", "random cases drawn twice: the same bits", repeat}};
-}
-
 }  // namespace ubs::stress

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// Random cases: many small ones, each compared with float64. Which cases are compared depends on --seed,
+// --first and
+// --cases alone. In batches: while the oracle uses all cores the device waits, and the other way round,
+// because a CPU device would have to share the cores anyway.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/parallel.hpp"
+#include "tests/stress/random_case.hpp"
+#include "tests/stress/row.hpp"
+
+namespace ubs::stress {
+namespace {
+
+constexpr std::int64_t kBatch = 64;
+
+void check_random_cases(Row& row, DeviceRunner& runner) {
+  const StressOptions& o = row.options();
+  for (std::int64_t done = 0; done < o.cases; done += kBatch) {
+    const std::size_t count = static_cast<std::size_t>(std::min(kBatch, o.cases - done));
+    const std::uint64_t first = static_cast<std::uint64_t>(o.first) + static_cast<std::uint64_t>(done);
+    std::vector<Case> cases(count);
+    std::vector<Expectation> expected(count);
+    parallel_for(count, [&](std::size_t i) {
+      cases[i] = random_case(static_cast<std::uint64_t>(o.seed), first + i);
+      expected[i] = expect(cases[i]);
+    });
+    for (std::size_t i = 0; i < count; ++i) {
+      INFO(fmt::format("repeat: ubs-lab stress 'random cases' --seed {} --first {} --cases 1", o.seed,
+                       first + i));
+      row.take(cases[i], answer(cases[i], expected[i], runner));
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE_METHOD(Row, "random cases", "[random]") {
+  check_random_cases(*this, runner());
+  const auto cases = static_cast<std::size_t>(options().cases);
+  if (cases >= 100) CHECK(count(Outcome::float64) > cases * 4 / 5);
+}
+
+// Hidden, since it fails: for tests of what a failure looks like.
+TEST_CASE_METHOD(Row, "random cases on a faulty device", "[.]") {
+  DeviceRunner faulty(device(), runner().raster());
+  faulty.disturb = [](const Case&, DeviceResult& result) { std::ranges::fill(result.image, NAN); };
+  check_random_cases(*this, faulty);
+}
+
+TEST_CASE_METHOD(Row, "a random case is a function of seed and number", "[random]") {
+  const Case a = random_case(4, 77), b = random_case(4, 77), other = random_case(4, 78);
+  CHECK(same_bits(a.model.values, b.model.values));
+  CHECK(a.camera.translation == b.camera.translation);
+  CHECK_FALSE(same_bits(a.model.values, other.model.values));
+}
+
+TEST_CASE_METHOD(Row, "random cases reach what they promise", "[random]") {
+  std::size_t drawn = 0, splats = 0, poisoned = 0, wide = 0, far = 0;
+  for (std::uint64_t i = 0; i < 400; ++i) {
+    const Case c = random_case(1, i);
+    const Expectation e = expect(c);
+    drawn += e.study.drawn, splats += c.model.count;
+    wide += c.camera.width > 4000;
+    far += std::abs(c.camera.centre()[0]) > 1e5;
+    for (const float v : c.model.values) poisoned += !std::isfinite(v);
+  }
+  CHECK(drawn > splats / 2);
+  CHECK(drawn < splats);
+  CHECK(poisoned > 20);
+  CHECK(wide > 3);
+  CHECK(far > 10);
+}
+
+TEST_CASE_METHOD(Row, "repeat: random cases rendered twice are bit-identical", "[random]") {
+  for (std::uint64_t number = 0; number < 60; ++number) {
+    const Case c = random_case(3, number);
+    INFO(c.name);
+    const std::vector<float> weights = pixel_weights(c);
+    const DeviceResult a = runner().run(c, weights), b = runner().run(c, weights);
+    CHECK(same_bits(a.image, b.image));
+    CHECK(same_bits(a.gradient.values, b.gradient.values));
+  }
+}
+
+}  // namespace ubs::stress

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rows about training: few or equal views, poisoned models, long runs, the same bits again.
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/temporary_folder.hpp"
+#include "host/data/ply.hpp"
+#include "host/train/trainer.hpp"
+#include "tests/stress/row.hpp"
+
+namespace ubs::stress {
+namespace {
+
+// `views` cameras around the scene (or all the same one), with images of a fixed model.
+Split make_views(DeviceRunner& runner, int count, bool equal) {
+  const Case truth = ordinary_case("truth", 3, 30, 5);
+  Split split{"train", {}};
+  for (int i = 0; i < count; ++i) {
+    Case c = truth;
+    const double angle = equal ? 0 : 0.15 * i, s = std::sin(angle), k = std::cos(angle);
+    c.camera.rotation = {k, 0, s, 0, 1, 0, -s, 0, k};
+    c.camera.translation = {-2.25 * s, 0, 2.25 - 2.25 * k};
+    c.camera.time = count > 1 ? static_cast<double>(i) / (count - 1) : 0;
+    const DeviceResult drawn = runner.run(c, {});
+    View view;
+    view.name = fmt::format("view{}", i);
+    view.camera = c.camera;
+    view.image = {c.camera.width, c.camera.height, {}};
+    const std::size_t pixels = drawn.alpha.size();
+    for (std::size_t p = 0; p < pixels; ++p)
+      for (std::size_t channel = 0; channel < 3; ++channel)
+        view.image.rgb.push_back(static_cast<std::uint8_t>(
+            std::lround(255 * std::clamp(drawn.image[channel * pixels + p], 0.0f, 1.0f))));
+    split.views.push_back(std::move(view));
+  }
+  return split;
+}
+
+TrainSettings settings_for(const DeviceRunner& runner, int dim, int iterations) {
+  TrainSettings settings;
+  settings.dim = dim;
+  settings.iterations = iterations;
+  settings.cap_max = 120;
+  settings.background = {0.1, 0.2, 0.3};
+  settings.raster = runner.raster() == RasterKind::cpu ? "cpu" : "gpu";
+  settings.log_every = 50;
+  return settings;
+}
+
+struct Training {
+  SplatModel model;
+  double first_loss = 0, last_loss = 0;
+  int iterations = 0;
+};
+
+Training train(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& initial) {
+  const Split none{"test", {}};
+  Trainer trainer(device, settings, views, none, initial);
+  Training result;
+  trainer.run([&](const StepReport& report) {
+    if (report.loss) {
+      if (result.first_loss == 0) result.first_loss = *report.loss;
+      result.last_loss = *report.loss;
+    }
+    return true;
+  });
+  result.model = trainer.model();
+  result.iterations = trainer.iteration();
+  return result;
+}
+
+bool finite(const SplatModel& model) {
+  return std::ranges::all_of(model.values, [](float v) { return std::isfinite(v); });
+}
+
+TEST_CASE_METHOD(Row, "few views: one, three, three equal ones", "[training]") {
+  for (const int dim : {3, 6, 7})
+    for (const auto& [count, equal] : {std::pair{1, false}, {3, false}, {3, true}}) {
+      INFO("N = " << dim << ", " << count << " views" << (equal ? " (equal)" : ""));
+      const Training t = train(device(), settings_for(runner(), dim, 120), make_views(runner(), count, equal),
+                               ordinary_case("start", dim, 60).model);
+      CHECK(finite(t.model));
+      CHECK(t.last_loss < t.first_loss);
+    }
+}
+
+// The model ends finite and is written, or the guard stops training: it names the splat, the stage and,
+// unless the value was there from the start, the view.
+TEST_CASE_METHOD(Row, "poisoned training: models with NaN, infinities, FLT_MAX", "[training]") {
+  const TemporaryFolder folder;
+  const Split views = make_views(runner(), 2, false);
+  constexpr std::size_t kPoisoned = 3;
+  std::size_t stopped = 0;
+  for (const int dim : {3, 6})
+    for (const float value : {NAN, INFINITY, -INFINITY, 3.4e38f})
+      for (int row = 0; row < ParameterLayout(dim).count; row += 3) {
+        INFO("N = " << dim << ", row " << row << " = " << value);
+        SplatModel start = ordinary_case("start", dim, 20).model;
+        start.row(row)[kPoisoned] = value;
+        try {
+          const Training t = train(device(), settings_for(runner(), dim, 40), views, start);
+          write_splat_ply(folder.path() / "model.ply", t.model);
+          CHECK(finite(t.model));
+        } catch (const Error& error) {
+          ++stopped;
+          CHECK(error.kind() == ErrorKind::numerical);
+          using Catch::Contains;
+          CHECK_THAT(error.what(), Contains(fmt::format("splat {}", kPoisoned)) && Contains("stage "));
+          CHECK_THAT(error.what(), Contains("stage parameters") || Contains("view '"));
+        }
+      }
+  CHECK(stopped > 0);
+}
+
+// One splat too many in every place: training ends with a finite model whatever the scale of its start.
+TEST_CASE_METHOD(Row, "stiff training: scales 1e-7 and 1e3, betas -12 and 12", "[training]") {
+  const Split views = make_views(runner(), 2, false);
+  for (const int dim : {3, 7})
+    for (const double scale : {1e-7, 1e3})
+      for (const double beta : {-12.0, 12.0}) {
+        INFO("N = " << dim << ", scale " << scale << ", beta " << beta);
+        Case c = row_case("stiff", dim, 20);
+        for (std::size_t i = 0; i < 20; ++i) {
+          SplatPlan plan;
+          plan.scale = {scale, 0.3, 0.3}, plan.beta_raw = beta, plan.query_beta_raw = -beta,
+          plan.opacity_raw = 12;
+          plan.position = {0.1 * static_cast<double>(i % 5) - 0.2, 0.1 * static_cast<double>(i / 5) - 0.2, 2};
+          put_splat(c, i, plan);
+        }
+        CHECK(finite(train(device(), settings_for(runner(), dim, 60), views, c.model).model));
+      }
+}
+
+TEST_CASE_METHOD(Row, "soak: 3000 iterations on a tiny scene, with relocation, growth and noise",
+                 "[training]") {
+  const Training t = train(device(), settings_for(runner(), 6, 3000), make_views(runner(), 3, false),
+                           ordinary_case("start", 6, 60).model);
+  CHECK(finite(t.model));
+  CHECK(t.iterations == 3000);
+  CHECK(t.last_loss < t.first_loss);
+}
+
+TEST_CASE_METHOD(Row, "repeated training: two runs of one seed are bit-identical", "[training]") {
+  const Split views = make_views(runner(), 3, false);
+  for (const int dim : {3, 7}) {
+    INFO("N = " << dim);
+    const SplatModel start = ordinary_case("start", dim, 50).model;
+    const TrainSettings settings = settings_for(runner(), dim, 150);
+    const std::vector<float> a = train(device(), settings, views, start).model.values,
+                             b = train(device(), settings, views, start).model.values;
+    CHECK(same_bits(a, b));
+    CHECK(a != start.values);
+  }
+}
+
+}  // namespace
+}  // namespace ubs::stress
