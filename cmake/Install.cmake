@@ -8,7 +8,7 @@ include(CMakePackageConfigHelpers)
 
 # The static library: all archives of ours in one file. What it needs besides stands in the packages by name. Not with
 # CUDA, whose device code would have to be linked by every user.
-set(static_parts ubs_facade ubs_run ubs_check ubs_accuracy ubs_oracle ubs_bench ubs_reduce ubs_look ubs_devices ubs_io ubs_core)
+set(static_parts ubs_facade ubs_run ubs_check ubs_look ubs_devices ubs_io ubs_core)
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)
 endif()

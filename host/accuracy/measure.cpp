@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "host/accuracy/truth.hpp"
 #include "host/base/error.hpp"
 #include "host/base/statistics.hpp"
 #include "host/base/stopwatch.hpp"
@@ -61,8 +62,8 @@ class Measurement {
  private:
   struct Entry {
     std::unique_ptr<Problem> problem;
-    std::unique_ptr<StageRun> run;     // null: does not run here
-    std::map<std::string, int> calls;  // by stage, of a sample
+    std::unique_ptr<check::StageRun> run;  // null: does not run here
+    std::map<std::string, int> calls;      // by stage, of a sample
     std::map<std::string, std::vector<double>> ms;
   };
   const TruthEntry& truth_of(const Configuration& configuration);
@@ -109,18 +110,19 @@ void Measurement::prepare(const Configuration& configuration) {
     const ModelVariant variant = settings.variant;
     entry.problem = std::make_unique<Problem>(problem_of(scene_, settings, variant));
     const KernelConfig config = kernel_config(entry.problem->model.dim, variant, settings, device_.info());
-    entry.run = std::make_unique<StageRun>(device_, config, *entry.problem);
+    entry.run = std::make_unique<check::StageRun>(device_, config, *entry.problem);
     const TruthEntry& truth = truth_of(configuration);
-    ErrorSum image;
+    check::ErrorSum image;
     image.add(entry.run->image(), truth.whole.image);
     result.stages.push_back({{"forward", {{"image", image.errors()}}}});
     const SplatModel& model = entry.problem->model;
-    result.stages.push_back(
-        {{"iteration", group_errors(model.layout(), model.count, entry.run->gradient_of(truth.whole.v_image),
-                                    truth.whole.gradient)}});
+    result.stages.push_back({{"iteration", check::group_errors(model.layout(), model.count,
+                                                               entry.run->gradient_of(truth.whole.v_image),
+                                                               truth.whole.gradient)}});
     // Stage by stage the truth must be of the same form.
     if (configuration.truth.empty())
-      for (StageErrors& stage : entry.run->stage_errors(truth.stages)) result.stages.push_back({stage});
+      for (check::StageErrors& stage : entry.run->stage_errors(truth.stages))
+        result.stages.push_back({stage});
   } catch (const Error& error) {
     constexpr ErrorKind kOwn[] = {ErrorKind::usage, ErrorKind::build, ErrorKind::memory};
     if (std::ranges::find(kOwn, error.kind()) == std::end(kOwn)) throw;

@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "host/accuracy/configuration.hpp"
-#include "host/accuracy/stage_run.hpp"
 #include "host/bench/bench_scene.hpp"
+#include "host/check/stage_run.hpp"
 
 namespace ubs::accuracy {
 
-struct TimedErrors : StageErrors {
+struct TimedErrors : check::StageErrors {
   double ms = 0;  // median over the rounds
 };
 

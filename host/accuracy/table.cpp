@@ -48,9 +48,9 @@ std::string table_row(const Result& r) {
   for (const std::string stage : kStages) {
     const auto found = std::ranges::find(r.stages, stage, &TimedErrors::stage);
     const bool measured = found != r.stages.end();
-    text += cell(
-        stage,
-        measured ? fmt::format("{:.1e} {:>8.3f}", worst(found->quantities).errors.typical, found->ms) : "-");
+    text += cell(stage, measured ? fmt::format("{:.1e} {:>8.3f}",
+                                               check::worst(found->quantities).errors.typical, found->ms)
+                                 : "-");
   }
   return text + "  " + r.device;
 }
@@ -60,7 +60,7 @@ std::string table_csv(std::span<const Result> results) {
       "form,truth,N,scene,device,stage,quantity,relative_error,typical_error,max_error,median_ms\n";
   for (const Result& r : results)
     for (const TimedErrors& s : r.stages)
-      for (const NamedErrors& e : s.quantities)
+      for (const check::NamedErrors& e : s.quantities)
         text += fmt::format("{},{},{},{},{},{},{},{:.6g},{:.6g},{:.6g},{:.6g}\n", csv_field(r.form),
                             csv_field(r.truth), r.dim, csv_field(r.scene), csv_field(r.device), s.stage,
                             e.quantity, e.errors.relative, e.errors.typical, e.errors.absolute, s.ms);
@@ -74,7 +74,7 @@ Json table_json(std::span<const Result> results) {
     if (!r.note.empty()) json["note"] = r.note;
     for (const TimedErrors& s : r.stages) {
       Json& stage = json["stages"][s.stage] = {{"median_ms", s.ms}};
-      for (const NamedErrors& e : s.quantities)
+      for (const check::NamedErrors& e : s.quantities)
         stage["errors"][e.quantity] = {
             {"relative", e.errors.relative}, {"typical", e.errors.typical}, {"max", e.errors.absolute}};
     }

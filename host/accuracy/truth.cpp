@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/accuracy/truth.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <span>
 
-#include "host/base/error.hpp"
+#include "host/oracle/oracle_stages.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::accuracy {
@@ -12,11 +15,12 @@ namespace {
 constexpr float kFarAway = -1e6f;  // [px]
 constexpr float kReach = 9;        // r beyond which no kernel has a part
 
+using Factor = std::array<double, 3>;  // L00, L01, L11
+
 std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
-std::vector<float> rounded(std::span<const double> values) {
-  std::vector<float> result(values.size());
-  for (std::size_t i = 0; i < values.size(); ++i) result[i] = static_cast<float>(values[i]);
-  return result;
+// What float32 makes of them.
+std::vector<double> as_rounded(const std::vector<double>& values) {
+  return as_double(check::rounded(values));
 }
 
 double loss_of(std::span<const double> image, std::span<const double> target, const Problem& p) {
@@ -34,27 +38,25 @@ std::vector<double> image_gradient(const Problem& p, std::span<const double> ima
 }
 
 // Q = L^T L with L = [[L00, L01], [0, L11]], as the records have it.
-std::array<double, 3> factor(const std::array<double, 3>& q) {
+Factor factor(const std::array<double, 3>& q) {
   const double l00 = std::sqrt(q[0]), l01 = q[1] / l00;
   return {l00, l01, std::sqrt(std::max(0.0, q[2] - l01 * l01))};
 }
 
-Record record_of(const oracle::Footprint<double>& f, const std::array<double, 3>& l) {
-  Record r{};
+void put_record(const oracle::Footprint<double>& f, const Factor& l, double* r) {
   if (!f.visible) {
     r[kSplatX] = r[kSplatY] = kFarAway;
     r[kSplatL00] = r[kSplatL11] = 1;
-    return r;
+    return;
   }
   const double values[] = {f.mean[0], f.mean[1], l[0],     l[1],     l[2],
                            f.opacity, f.beta,    f.rgb[0], f.rgb[1], f.rgb[2]};
-  for (std::size_t k = 0; k < std::size(values); ++k) r[k] = static_cast<float>(values[k]);
-  r[kSplatDepth] = static_cast<float>(f.depth);
+  std::ranges::copy(values, r);
+  r[kSplatDepth] = f.depth;
   r[kSplatReach] = kReach;
-  return r;
 }
 
-oracle::Footprint<double> footprint_of(const Record& r, bool visible) {
+oracle::Footprint<double> footprint_of(const double* r, bool visible) {
   const double l00 = r[kSplatL00], l01 = r[kSplatL01], l11 = r[kSplatL11];
   oracle::Footprint<double> f;
   f.mean = {r[kSplatX], r[kSplatY]};
@@ -68,17 +70,10 @@ oracle::Footprint<double> footprint_of(const Record& r, bool visible) {
   return f;
 }
 
-void round_projection(StageTruth& t) {
-  for (const auto& f : t.footprints) {
-    t.factors.push_back(f.visible ? factor(f.conic) : std::array<double, 3>{1, 0, 1});
-    t.records.push_back(record_of(f, t.factors.back()));
-  }
-}
-
 // The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose
 // packed form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in
 // both, and so is the order: kGrad* and the oracle's footprint gradient.
-oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const Record& r) {
+oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const double* r) {
   const double l00 = r[kSplatL00], l01 = r[kSplatL01], l11 = r[kSplatL11];
   const double m00 = -g[kGradW00], m01 = -g[kGradW01] / 2, m11 = -g[kGradW11];
   g[kGradW00] = l00 * l00 * m00 + 2 * l00 * l01 * m01 + l01 * l01 * m11;
@@ -87,22 +82,12 @@ oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const Record& 
   return g;
 }
 
-oracle::FootprintGradient from_ellipse(oracle::FootprintGradient g, const std::array<double, 3>& l) {
+oracle::FootprintGradient from_ellipse(oracle::FootprintGradient g, const Factor& l) {
   const double m11 = g[kGradW11] / (l[2] * l[2]);
   const double m01 = (g[kGradW01] / l[2] - l[1] * m11) / l[0];
   const double m00 = (g[kGradW00] - 2 * l[0] * l[1] * m01 - l[1] * l[1] * m11) / (l[0] * l[0]);
   g[kGradW00] = -m00, g[kGradW01] = -2 * m01, g[kGradW11] = -m11;
   return g;
-}
-
-void scatter(StageTruth& t, const oracle::Frame& frame, std::span<const oracle::FootprintGradient> v) {
-  t.v_footprints.assign(t.footprints.size(), oracle::FootprintGradient{});
-  t.v_records.assign(t.footprints.size(), Record{});
-  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
-    const oracle::FootprintGradient g = to_ellipse(v[k], t.records[frame.splats[k]]);
-    t.v_footprints[frame.splats[k]] = g;
-    for (std::size_t j = 0; j < g.size(); ++j) t.v_records[frame.splats[k]][j] = static_cast<float>(g[j]);
-  }
 }
 
 }  // namespace
@@ -146,30 +131,44 @@ StageTruth compute_stage_truth(const Problem& p) {
   const oracle::Options options = oracle_options(p);
   const oracle::Model model = oracle::to_model(p.model);
   const std::vector<double> target = as_double(p.target);
+  const std::vector<oracle::Footprint<double>> footprints = oracle::project(model, p.camera, options);
+  const std::size_t count = footprints.size();
   StageTruth t;
-  t.footprints = oracle::project(model, p.camera, options);
-  round_projection(t);
+  t.records.assign(count * kSplatStride, 0);
+  std::vector<Factor> factors;
+  for (std::size_t i = 0; i < count; ++i) {
+    t.visible.push_back(footprints[i].visible);
+    factors.push_back(footprints[i].visible ? factor(footprints[i].conic) : Factor{1, 0, 1});
+    put_record(footprints[i], factors[i], &t.records[i * kSplatStride]);
+  }
 
+  const std::vector<double> records = as_rounded(t.records);
   std::vector<oracle::Footprint<double>> exact;
-  for (std::size_t i = 0; i < t.records.size(); ++i)
-    exact.push_back(footprint_of(t.records[i], t.footprints[i].visible));
+  for (std::size_t i = 0; i < count; ++i)
+    exact.push_back(footprint_of(&records[i * kSplatStride], footprints[i].visible));
   const oracle::Frame frame = oracle::Frame(exact, options);
   t.image = oracle::render_frame(frame, p.camera, options).image;
-  t.image_rounded = rounded(t.image);
 
-  const std::vector<double> image = as_double(t.image_rounded);
+  const std::vector<double> image = as_rounded(t.image);
   t.loss = loss_of(image, target, p);
   t.v_image = image_gradient(p, image, target);
-  t.v_image_rounded = rounded(t.v_image);
 
-  scatter(t, frame, oracle::footprint_gradients(frame, p.camera, options, as_double(t.v_image_rounded)));
-  std::vector<oracle::FootprintGradient> v;
+  const auto v = oracle::footprint_gradients(frame, p.camera, options, as_rounded(t.v_image));
+  t.v_records.assign(count * kGradStride, 0);
+  for (std::size_t k = 0; k < frame.splats.size(); ++k) {
+    const std::size_t i = frame.splats[k];
+    std::ranges::copy(to_ellipse(v[k], &records[i * kSplatStride]), &t.v_records[i * kGradStride]);
+  }
+
+  const std::vector<double> v_records = as_rounded(t.v_records);
+  std::vector<oracle::FootprintGradient> given;
   for (const std::size_t i : frame.splats) {
     oracle::FootprintGradient g{};
-    for (std::size_t j = 0; j < g.size(); ++j) g[j] = t.v_records[i][j];
-    v.push_back(from_ellipse(g, t.factors[i]));  // project_backward has the exact model, so the exact ellipse
+    std::copy_n(&v_records[i * kGradStride], g.size(), g.begin());
+    given.push_back(
+        from_ellipse(g, factors[i]));  // project_backward has the exact model, so the exact ellipse
   }
-  t.v_params = oracle::parameter_gradients(frame, model, p.camera, options, v);
+  t.v_params = oracle::parameter_gradients(frame, model, p.camera, options, given);
   return t;
 }
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/capture_stages.hpp"
 #include "host/bench/operation.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/spec/train_settings.hpp"

@@ -6,6 +6,7 @@
 #include <iterator>
 #include <map>
 
+#include "host/check/forms.hpp"
 #include "host/check/stage_checks.hpp"
 #include "host/device/registry.hpp"
 
@@ -20,35 +21,35 @@ constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProject
 void append(Findings& all, Findings more) { std::ranges::move(more, std::back_inserter(all)); }
 
 // Errors of the stages of StageRun::stage_errors, by the name that is shown.
-void add_stages(Findings& all, const std::vector<accuracy::StageErrors>& stages) {
+void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
   const std::map<std::string, std::pair<const char*, double>> shown{
       {"project_forward", {"projection", kProjection}},
       {"lists + raster_forward", {"rasteriser", kForward}},
       {"raster_backward", {"backward rasteriser", kBackward}},
       {"project_backward", {"backward projection", kProjectBackward}}};
-  for (const accuracy::StageErrors& stage : stages) {
+  for (const StageErrors& stage : stages) {
     const auto found = shown.find(stage.stage);
     if (found == shown.end()) continue;  // the loss has a check of its own
     Worst worst(found->second.first);
-    for (const accuracy::NamedErrors& q : stage.quantities)
+    for (const NamedErrors& q : stage.quantities)
       worst.add(q.quantity, q.errors.relative, found->second.second);
     all.push_back(worst.finding());
   }
 }
 
-Finding check_image(const accuracy::StageRun& run, const Expected& e) {
-  accuracy::ErrorSum sum;
-  sum.add(run.image(), e.whole.image, e.problem.undecided);
+Finding check_image(const StageRun& run, const FormVectors& e) {
+  ErrorSum sum;
+  sum.add(run.image(), e.truth.image, e.problem.undecided);
   Worst worst("image");
   worst.add("image", sum.errors().relative, kImage);
   return worst.finding();
 }
 
-Finding check_gradient(accuracy::StageRun& run, const Expected& e) {
+Finding check_gradient(StageRun& run, const FormVectors& e) {
   Worst worst("gradient");
   const SplatModel& model = e.problem.model;
-  for (const accuracy::NamedErrors& group : accuracy::group_errors(
-           model.layout(), model.count, run.gradient_of(e.whole.v_image), e.whole.gradient))
+  for (const NamedErrors& group :
+       group_errors(model.layout(), model.count, run.gradient_of(e.truth.v_image), e.truth.v_params))
     worst.add(group.quantity, group.errors.relative, kGradient);
   return worst.finding();
 }
@@ -61,7 +62,7 @@ double differing(const std::vector<float>& a, const std::vector<float>& b) {
   return count;
 }
 
-Finding check_repeats(accuracy::StageRun& run, bool backward) {
+Finding check_repeats(StageRun& run, bool backward) {
   const char* operation = backward ? "iteration" : "forward";
   Worst worst("the same bits again");
   run.run(operation);
@@ -72,34 +73,34 @@ Finding check_repeats(accuracy::StageRun& run, bool backward) {
   return worst.finding();
 }
 
-Findings examine_scene(Device& device, const KernelConfig& config, const Subject& subject,
-                       const Expected& e) {
+Findings examine_scene(Device& device, const KernelConfig& config, const Subject& subject) {
+  const FormVectors& e = embedded_vectors().forms[nearest_form(form_of(config))];
   const auto has = [&](Part part) { return std::ranges::count(subject.parts, part) > 0; };
-  accuracy::StageRun run(device, config, e.problem);
+  StageRun run(device, config, e.problem);
   Findings all;
   append(all, check_lists(device, run.stages()));
-  add_stages(all, run.stage_errors(e.stages));
-  if (has(Part::loss)) append(all, check_loss(device, run.stages(), e));
+  add_stages(all, run.stage_errors(e.truth));
+  if (has(Part::loss)) append(all, check_loss(device, run.stages()));
   all.push_back(check_image(run, e));
   if (config.backward) all.push_back(check_gradient(run, e));
   all.push_back(check_repeats(run, config.backward));
   if (has(Part::learning)) {
     append(all, check_learning(device, run, e));
-    append(all, check_population(device, run.stages()));
+    append(all, check_population(device, run.stages(), e));
   }
   return all;
 }
 
 }  // namespace
 
-Findings examine(Device& device, const Subject& subject, const Expected& e) {
+Findings examine(Device& device, const Subject& subject) {
   const auto has = [&](Part part) { return std::ranges::count(subject.parts, part) > 0; };
-  KernelConfig config = checked_config(subject.config);
+  const KernelConfig config = checked_config(subject.config);
   Findings all;
   if (has(Part::drawing)) {
-    append(all, examine_scene(device, config, subject, e));
+    append(all, examine_scene(device, config, subject));
   } else if (has(Part::loss)) {
-    append(all, check_loss(device, *make_stages(device, config), e));
+    append(all, check_loss(device, *make_stages(device, config)));
   }
   if (has(Part::networks)) append(all, check_networks(device));
   return all;

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/oracle/learning.hpp"
-
 #include <cmath>
 
 #include "host/check/stage_checks.hpp"
@@ -13,8 +11,6 @@ namespace {
 constexpr double kGradientBound = 1e-4;
 constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7, kMoment2Bound = 3.6e-7,
                  kPenaltyBound = 1.1e-7;  // those of tests/stages/optimiser_test.cpp
-constexpr float kOpacityWeight = 5, kScaleWeight = 7, kRate = 1e-3f;
-constexpr std::uint64_t kStep = 3;  // both bias corrections matter
 
 struct State {
   std::vector<float> params, moment1, moment2;
@@ -23,10 +19,10 @@ struct State {
 // Parameters and moments of a model on the device, and steps of them.
 class Steps {
  public:
-  Steps(Device& device, accuracy::StageRun& run, const Expected& e)
+  Steps(Device& device, StageRun& run, const FormVectors& e)
       : device_(device),
         stages_(run.stages()),
-        gradient_(run.given_to_projection(e.stages)),
+        gradient_(run.given_to_projection(e.truth)),
         size_(static_cast<std::size_t>(run.model().rows()) * run.model().stride()),
         moment1_(device, "first moments", size_),
         moment2_(device, "second moments", size_),
@@ -48,7 +44,9 @@ class Steps {
     moment1_.upload(s.moment1);
     moment2_.upload(s.moment2);
   }
-  Regularise penalty() const { return {splats(), v_params_.view(), kOpacityWeight, kScaleWeight}; }
+  Regularise penalty(bool any = true) const {
+    return {splats(), v_params_.view(), any ? kOpacityWeight : 0, any ? kScaleWeight : 0};
+  }
   AdamStep adam(std::uint64_t step) const {
     return {.splats = splats(),
             .v_params = v_params_.view(),
@@ -57,15 +55,15 @@ class Steps {
             .learning_rates = rates_.view(),
             .step = step};
   }
-  void learn(std::uint64_t step) {
+  void learn(std::uint64_t step, bool penalised) {
     ProjectBackward gradient = gradient_;
     gradient.v_params = v_params_.view();
-    stages_.learn({gradient, penalty(), adam(step)});
+    stages_.learn({gradient, penalty(penalised), adam(step)});
   }
-  // A step whose only gradient is that of the penalties.
+  // A step whose gradient is 0.
   void learn_nothing(std::uint64_t step) {
     device_.fill_zero(*gradient_.v_records.memory, 0, sizeof(float) * kGradStride * splats().count);
-    learn(step);
+    learn(step, false);
   }
   Buffer<float>& v_params() { return v_params_; }
 
@@ -77,16 +75,11 @@ class Steps {
   Buffer<float> moment1_, moment2_, v_params_, rates_;
 };
 
-// Of splat i in row k.
-double penalty_of(const ParameterLayout& layout, int k, double raw, std::size_t count) {
-  if (k == layout.opacity) return oracle::opacity_penalty(raw, kOpacityWeight, count);
-  if (k >= layout.scale && k < layout.scale + 3) return oracle::scale_penalty(raw, kScaleWeight, count);
-  return 0;
-}
-
 struct Place {
   int row;
-  std::size_t splat, at, packed;  // in rows of the stride, of the count
+  std::size_t splat;
+  std::size_t at, packed;                                   // in rows of the stride, of the count
+  std::size_t adam() const { return packed % kAdamCases; }  // the case of AdamVectors that is put here
 };
 template <class F>
 void for_values(const ParameterLayout& layout, const SplatView& splats, const F& f) {
@@ -96,73 +89,94 @@ void for_values(const ParameterLayout& layout, const SplatView& splats, const F&
               static_cast<std::size_t>(k) * splats.count + i});
 }
 
-void add_step(Worst& worst, const State& after, std::size_t at, const oracle::AdamValue& expected) {
-  worst.add("parameter",
-            std::abs(after.params[at] - expected.parameter) / (std::abs(expected.parameter) + 0.1),
+bool is_scale(const ParameterLayout& layout, int row) {
+  return row >= layout.scale && row < layout.scale + 3;
+}
+
+// Of the model of the form; 0 in the rows that have none.
+double model_penalty(const ParameterLayout& layout, const Place& p, const FormVectors& e) {
+  if (p.row == layout.opacity) return e.penalties[p.splat];
+  if (!is_scale(layout, p.row)) return 0;
+  return e.penalties[static_cast<std::size_t>(1 + p.row - layout.scale) * kSplats + p.splat];
+}
+
+double case_penalty(const ParameterLayout& layout, const Place& p, const AdamVectors& cases) {
+  if (p.row == layout.opacity) return cases.opacity_penalty[p.adam()];
+  return is_scale(layout, p.row) ? cases.scale_penalty[p.adam()] : 0;
+}
+
+void add_step(Worst& worst, const State& after, std::size_t at, double parameter, double moment1,
+              double moment2) {
+  worst.add("parameter", std::abs(after.params[at] - parameter) / (std::abs(parameter) + 0.1),
             kParameterBound);
-  worst.add("first moment",
-            std::abs(after.moment1[at] - expected.moment1) / (std::abs(expected.moment1) + 0.01),
+  worst.add("first moment", std::abs(after.moment1[at] - moment1) / (std::abs(moment1) + 0.01),
             kMoment1Bound);
-  worst.add("second moment",
-            std::abs(after.moment2[at] - expected.moment2) / (std::abs(expected.moment2) + 1e-12),
+  worst.add("second moment", std::abs(after.moment2[at] - moment2) / (std::abs(moment2) + 1e-12),
             kMoment2Bound);
 }
 
 // From moments of zero a step leaves a tenth of the gradient in the first one.
-Finding check_gradient(const ParameterLayout& layout, const SplatView& splats, const State& before,
-                       const State& after, const Expected& e) {
-  std::vector<float> found(e.stages.v_params.size());
+Finding check_step_gradient(const ParameterLayout& layout, const SplatView& splats, const State& after,
+                            const FormVectors& e) {
+  std::vector<float> found(e.truth.v_params.size());
   std::vector<double> expected(found.size());
   for_values(layout, splats, [&](const Place& p) {
     found[p.packed] = static_cast<float>(after.moment1[p.at] / (1 - static_cast<double>(0.9f)));
-    expected[p.packed] =
-        e.stages.v_params[p.packed] + penalty_of(layout, p.row, before.params[p.at], splats.count);
+    expected[p.packed] = e.truth.v_params[p.packed] + model_penalty(layout, p, e);
   });
   Worst worst("gradient of a step in one pass");
-  for (const accuracy::NamedErrors& group : accuracy::group_errors(layout, splats.count, found, expected))
+  for (const NamedErrors& group : group_errors(layout, splats.count, found, expected))
     worst.add(group.quantity, group.errors.relative, kGradientBound);
   return worst.finding();
 }
 
 }  // namespace
 
-Findings check_learning(Device& device, accuracy::StageRun& run, const Expected& e) {
+Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
+  const AdamVectors& cases = embedded_vectors().adam;
   Steps steps(device, run, e);
   const ParameterLayout layout = run.model().layout();
   const SplatView& splats = steps.splats();
   const State start = steps.state();
-  steps.learn(1);
-  const Finding gradient = check_gradient(layout, splats, start, steps.state(), e);
+  steps.learn(1, true);
+  const Finding gradient = check_step_gradient(layout, splats, steps.state(), e);
 
-  // Moments and a gradient of like sizes, so that each term of a step counts.
-  State moved = start;
+  // In one pass the parameters are those of the model, which is projected once more.
+  State moving = start;
+  for_values(layout, splats, [&](const Place& p) {
+    moving.moment1[p.at] = static_cast<float>(cases.moment1[p.adam()]);
+    moving.moment2[p.at] = static_cast<float>(cases.moment2[p.adam()]);
+  });
+  steps.restore(moving);
+  steps.learn_nothing(kAdamStep);
+  const State at_rest = steps.state();
+  Worst once("Adam in one pass");
+  for_values(layout, splats, [&](const Place& p) {
+    add_step(once, at_rest, p.at, start.params[p.at] + cases.step_at_rest[p.adam()],
+             cases.moment1_at_rest[p.adam()], cases.moment2_at_rest[p.adam()]);
+  });
+
+  // Penalties and Adam alone take any parameters and gradients.
+  State given = moving;
   std::vector<float> v(start.params.size(), 0.0f);
   for_values(layout, splats, [&](const Place& p) {
-    const float phase = static_cast<float>(p.packed);
-    v[p.at] = 0.1f * std::sin(0.7f * phase);
-    moved.moment1[p.at] = 0.1f * std::sin(0.3f * phase);
-    moved.moment2[p.at] = 0.01f * (1.1f + std::sin(0.2f * phase));
+    given.params[p.at] = static_cast<float>(cases.parameter[p.adam()]);
+    v[p.at] = static_cast<float>(cases.gradient[p.adam()]);
   });
-  const auto before = [&](std::size_t at) {
-    return oracle::AdamValue{moved.params[at], moved.moment1[at], moved.moment2[at]};
-  };
-  Worst once("Adam in one pass"), apart("Adam"), penalties("penalties");
-  steps.restore(moved);
-  steps.learn_nothing(kStep);
-  const State learnt = steps.state();
-  steps.restore(moved);
+  steps.restore(given);
   steps.v_params().upload(v);
   run.stages().regularise(steps.penalty());
   const std::vector<float> penalised = steps.v_params().download();
-  run.stages().adam(steps.adam(kStep));
+  steps.v_params().upload(v);
+  run.stages().adam(steps.adam(kAdamStep));
   const State stepped = steps.state();
+  Worst penalties("penalties"), apart("Adam");
   for_values(layout, splats, [&](const Place& p) {
-    const double penalty = penalty_of(layout, p.row, moved.params[p.at], splats.count);
-    add_step(once, learnt, p.at, oracle::adam(before(p.at), penalty, kRate, kStep));
-    penalties.add("gradient",
-                  std::abs(penalised[p.at] - (v[p.at] + penalty)) / (std::abs(v[p.at] + penalty) + 0.01),
+    const double expected = v[p.at] + case_penalty(layout, p, cases);
+    penalties.add("gradient", std::abs(penalised[p.at] - expected) / (std::abs(expected) + 0.01),
                   kPenaltyBound);
-    add_step(apart, stepped, p.at, oracle::adam(before(p.at), penalised[p.at], kRate, kStep));
+    add_step(apart, stepped, p.at, cases.new_parameter[p.adam()], cases.new_moment1[p.adam()],
+             cases.new_moment2[p.adam()]);
   });
   steps.restore(start);
   return {gradient, once.finding(), penalties.finding(), apart.finding()};

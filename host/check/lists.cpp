@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/oracle/lists.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cstring>
 
 #include "host/check/stage_checks.hpp"
+#include "host/check/tile_lists.hpp"
 
 namespace ubs::check {
 namespace {
-
-using oracle::Words;
 
 // Several blocks of scan and sort (2048 and more), and a part of one.
 constexpr std::uint32_t kListedSplats = 9001;
@@ -22,7 +19,7 @@ double differing(const Words& found, const Words& expected) {
 }
 
 struct ListsOnDevice {
-  ListsOnDevice(Device& device, const oracle::ListedSplats& splats, std::size_t room)
+  ListsOnDevice(Device& device, const ListedSplats& splats, std::size_t room)
       : counts(device, "tile counts", splats.counts.size()),
         keys(device, "depth keys", splats.keys.size()),
         rects(device, "tile rects", splats.rects.size()),
@@ -40,8 +37,8 @@ struct ListsOnDevice {
 };
 
 // `bounded`: without waiting for the totals.
-Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats,
-              const oracle::TileLists& expected, bool bounded) {
+Finding check(Device& device, Stages& stages, const ListedSplats& splats, const TileLists& expected,
+              bool bounded) {
   const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
   ListsOnDevice on(device, splats, room);
   CountLists count{splats.count(), on.counts.view(), on.keys.view(), on.offsets.view()};
@@ -77,9 +74,9 @@ Finding check(Device& device, Stages& stages, const oracle::ListedSplats& splats
 }  // namespace
 
 Findings check_lists(Device& device, Stages& stages) {
-  oracle::Random random(20);
-  const oracle::ListedSplats splats = oracle::made_up_splats(random, kListedSplats, 333, 77, 0.6, 5);
-  const oracle::TileLists expected = oracle::expected_lists(splats);
+  Random random(20);
+  const ListedSplats splats = made_up_splats(random, kListedSplats, 333, 77, 0.6, 5);
+  const TileLists expected = expected_lists(splats);
   Findings all{check(device, stages, splats, expected, false)};
   if (stages.config().backward) all.push_back(check(device, stages, splats, expected, true));
   return all;

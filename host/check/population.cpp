@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/oracle/population.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "host/base/random.hpp"
+#include "host/check/copied_splats.hpp"
 #include "host/check/stage_checks.hpp"
-#include "host/oracle/learning.hpp"
-#include "host/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
 
 namespace ubs::check {
 namespace {
 
-using oracle::Population;
-
-constexpr std::uint64_t kSeed = 123456789012345u, kIteration = 900;
 constexpr float kDead = -8;               // raw opacity
 constexpr double kOpacityBound = 4.8e-7;  // tests/stages/mcmc_test.cpp: 2.4e-7 seen
 constexpr double kNoiseBound = 1.7e-5;    // there too: 8.5e-6 seen
@@ -32,10 +27,10 @@ class PopulationOnDevice {
     moment2_.upload(population.moment2);
   }
   std::uint32_t relocate(Stages& stages) {
-    return stages.relocate({splats(), moment1_.view(), moment2_.view(), kSeed, kIteration});
+    return stages.relocate({splats(), moment1_.view(), moment2_.view(), kDrawSeed, kDrawIteration});
   }
   void grow(Stages& stages, std::uint32_t target) {
-    stages.grow({splats(), target, moment1_.view(), moment2_.view(), kSeed, kIteration});
+    stages.grow({splats(), target, moment1_.view(), moment2_.view(), kDrawSeed, kDrawIteration});
   }
   Population download() const {
     Population after = before_;
@@ -53,14 +48,14 @@ class PopulationOnDevice {
 
 void add_copies(Worst& worst, const Population& before, const Population& after,
                 const std::vector<std::uint32_t>& written) {
-  const oracle::Copies copies = oracle::judge_copies(before, after, written);
+  const Copies copies = judge_copies(before, after, written);
   if (!copies.problem.empty()) worst.add(copies.problem, std::numeric_limits<double>::infinity(), 0);
   worst.add("opacity of equal parts", copies.opacity_error, kOpacityBound);
 }
 
 Finding check_relocation(Device& device, Stages& stages, const ParameterLayout& layout) {
   Population population(layout, 500, 500, 0);
-  oracle::Random random(4);
+  Random random(4);
   std::vector<std::uint32_t> dead;
   for (std::uint32_t i = 0; i < population.count; ++i) {
     population.at(population.opacity_row, i) =
@@ -111,24 +106,19 @@ Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout
   return worst.finding();
 }
 
-Finding check_noise(Device& device, Stages& stages) {
-  const KernelConfig& config = stages.config();
-  const oracle::Scene scene =
-      oracle::regular_scene({.count = 300, .dim = config.dim, .seed = 9, .variant = config.variant});
-  SplatModel model = scene.model;
-  for (float& raw : model.row(model.layout().opacity)) raw -= 5;  // where the gate is open
+Finding check_noise(Device& device, Stages& stages, const FormVectors& e) {
+  SplatModel model = e.problem.model;
+  for (float& raw : model.row(model.layout().opacity)) raw += kNoiseOpacity;
   const DeviceModel on(device, model);
-  const double amount = 0.5;
-  stages.add_noise({on.view(), static_cast<float>(amount), kSeed, kIteration});
+  stages.add_noise({on.view(), static_cast<float>(kNoiseAmount), kDrawSeed, kDrawIteration});
   const SplatModel after = on.download();
   Worst worst("noise");
   double moved = 0;
   for (std::size_t i = 0; i < model.count; ++i) {
-    const oracle::Noise noise = oracle::noise(model, i, amount, kSeed, kIteration);
     for (int r = 0; r < 3; ++r) {
-      const double expected = model.row(r)[i] + noise.displacement[static_cast<std::size_t>(r)];
-      worst.add("position",
-                std::abs(after.row(r)[i] - expected) / (1 + 3 * noise.size[static_cast<std::size_t>(r)]),
+      const std::size_t at = static_cast<std::size_t>(r) * model.count + i;
+      const double expected = model.row(r)[i] + e.displacement[at];
+      worst.add("position", std::abs(after.row(r)[i] - expected) / (1 + 3 * e.displacement_size[at]),
                 kNoiseBound);
     }
     for (int r = 3; r < model.layout().count; ++r) moved += after.row(r)[i] != model.row(r)[i];
@@ -139,10 +129,10 @@ Finding check_noise(Device& device, Stages& stages) {
 
 }  // namespace
 
-Findings check_population(Device& device, Stages& stages) {
+Findings check_population(Device& device, Stages& stages, const FormVectors& e) {
   const ParameterLayout layout(stages.config().dim, stages.config().variant);
   return {check_relocation(device, stages, layout), check_growth(device, stages, layout),
-          check_draw(device, stages, layout), check_noise(device, stages)};
+          check_draw(device, stages, layout), check_noise(device, stages, e)};
 }
 
 }  // namespace ubs::check

@@ -21,7 +21,12 @@ std::string to_string(Part part) {
   return "";
 }
 
+Form form_of(const KernelConfig& config) { return {config.dim, config.variant, config.query_grad}; }
+
 KernelConfig checked_config(KernelConfig config) {
+  const Form& form = forms()[nearest_form(form_of(config))];
+  config.variant = form.variant;
+  config.query_grad = form.query_grad;
   config.alpha_min = 0;
   config.math = {};
   config.frozen = 0;

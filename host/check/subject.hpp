@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "host/check/forms.hpp"
 #include "host/device/stages.hpp"
 
 namespace ubs::check {
@@ -28,10 +29,13 @@ struct Subject {
 
 // The kernels that are checked for those of a command. Where work is left out, results are approximate or
 // sums have no order (alpha_min, Approximation, frozen groups) it is the exact form: what these
-// switches cost has its own measures (docs/accuracy.md). Depth is not drawn.
+// switches cost has its own measures (docs/accuracy.md). Depth is not drawn. N and the switches become those
+// of nearest_form(): a form that the build has no float64 vectors of is checked in the nearest one.
 KernelConfig checked_config(KernelConfig config);
 
-// "N = 6, vectors" and what is not the default: of checked_config(config).
+Form form_of(const KernelConfig& config);
+
+// "N = 6, vectors" and what is not the default.
 std::string form_text(const KernelConfig& config);
 
 }  // namespace ubs::check

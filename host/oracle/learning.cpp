@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/oracle/learning.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -43,10 +42,6 @@ double opacity_penalty(double raw, double weight, std::size_t count) {
 
 double scale_penalty(double raw, double weight, std::size_t count) {
   return weight / (3.0 * static_cast<double>(count)) * sigmoid(raw);
-}
-
-double split_opacity(double opacity, double parts) {
-  return std::clamp(1 - std::pow(1 - opacity, 1 / parts), 0.005, 1 - std::ldexp(1.0, -23));
 }
 
 Noise noise(const SplatModel& model, std::size_t splat, double amount, std::uint64_t seed,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What training does to parameters, in double and from the method alone: Adam (4.2), the penalties (4.1), and
-// relocation and noise of 4.3.
+// the noise of 4.3.
 #pragma once
 
 #include <array>
@@ -22,9 +22,6 @@ AdamValue adam(AdamValue before, double g, double rate, std::uint64_t step, doub
 // spatial scales with respect to a raw one.
 double opacity_penalty(double raw, double weight, std::size_t count);
 double scale_penalty(double raw, double weight, std::size_t count);
-
-// The opacity of each of `parts` equal splats that together absorb what one of `opacity` did.
-double split_opacity(double opacity, double parts);
 
 // By how much noise moves a splat, and the sum of the sizes of what is added up for it, which rounding goes
 // by. `iteration` and `seed` as in AddNoise.

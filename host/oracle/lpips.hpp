@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// LPIPS in double, as plain loops over the network's description, and small random weights for it.
+// LPIPS in double, as plain loops over the network's description.
 #pragma once
 
 #include <fmt/format.h>
 
 #include <array>
 #include <cmath>
-#include <random>
+#include <cstdint>
 #include <vector>
 
 #include "host/metrics/lpips.hpp"
@@ -25,6 +25,12 @@ struct Features {
   }
   double at(int c, int y, int x) const { return const_cast<Features*>(this)->at(c, y, x); }
 };
+
+inline Features features(const std::vector<std::uint8_t>& bytes, PlanarSize size) {
+  Features f(3, size);
+  for (std::size_t i = 0; i < bytes.size(); ++i) f.values[i] = bytes[i] / 255.0;
+  return f;
+}
 
 inline Features convolve(const Features& in, const Layer& layer, const Tensor& weight, const Tensor& bias) {
   Features out(static_cast<int>(weight.shape[0]), output_size(layer, in.size));
@@ -114,43 +120,6 @@ inline double lpips_reference(const Network& network, const TensorFile& w, std::
     }
   }
   return distance;
-}
-
-// Few channels; about half of the features survive each ReLU.
-inline TensorFile random_weights(const Network& network, unsigned seed) {
-  TensorFile file{"random", {}};
-  std::mt19937 generator(seed);
-  const auto fill = [&](const std::string& name, std::vector<std::size_t> shape, float low, float high) {
-    Tensor tensor{std::move(shape), {}};
-    std::size_t count = 1;
-    for (const std::size_t extent : tensor.shape) count *= extent;
-    std::uniform_real_distribution<float> value(low, high);
-    for (std::size_t i = 0; i < count; ++i) tensor.values.push_back(value(generator));
-    file.tensors[name] = std::move(tensor);
-  };
-  std::size_t channels = 3, next = 5;  // odd numbers: nothing may depend on multiples of four
-  const auto convolution = [&](const std::string& name, std::size_t in, std::size_t out, std::size_t window) {
-    const float limit = std::sqrt(6.0f / static_cast<float>(in * window * window));
-    fill(name + ".weight", {out, in, window, window}, -limit, limit);
-    fill(name + ".bias", {out}, -0.1f, 0.1f);
-  };
-  int taps = 0;
-  for (const Layer& layer : network.layers) {
-    const std::string name = fmt::format("features.{}", layer.number);
-    if (layer.kind == LayerKind::convolution) {
-      convolution(name, channels, next, static_cast<std::size_t>(layer.window));
-      channels = next;
-      next += 2;
-    } else if (layer.kind == LayerKind::fire) {
-      convolution(name + ".squeeze", channels, 3, 1);
-      convolution(name + ".expand1x1", 3, next, 1);
-      convolution(name + ".expand3x3", 3, next + 1, 3);
-      channels = 2 * next + 1;
-    } else if (layer.kind == LayerKind::tap) {
-      fill(fmt::format("lin{}.weight", taps++), {1, channels, 1, 1}, 0.0f, 1.0f);
-    }
-  }
-  return file;
 }
 
 }  // namespace ubs::oracle

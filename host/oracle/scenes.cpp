@@ -181,23 +181,6 @@ Scene start_scene(const SceneOptions& options, std::size_t count) {
 
 }  // namespace
 
-std::uint64_t Random::bits() {
-  std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return z ^ (z >> 31);
-}
-
-double Random::uniform(double low, double high) {
-  return low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1p-53);
-}
-
-double Random::normal() {
-  double sum = -6;
-  for (int i = 0; i < 12; ++i) sum += uniform(0, 1);
-  return sum;
-}
-
 Camera ring_camera(const SceneOptions& options, int index) {
   const double angle = 0.3 + 2 * std::numbers::pi * index / kRingCameras;
   const Vector centre{3 * std::cos(angle), 0.5 * std::sin(2 * angle), 3 * std::sin(angle)};

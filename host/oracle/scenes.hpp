@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Seeded test scenes for any dimension N: models, cameras and target images as floats that production code
-// and oracle read identically (cameras and targets are doubles that hold float values). Own generator instead
-// of <random> distributions, whose results depend on the library.
+// and oracle read identically (cameras and targets are doubles that hold float values).
 #pragma once
 
 #include <array>
@@ -9,21 +8,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "host/base/random.hpp"
 #include "host/scene/camera.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs::oracle {
-
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
-  std::uint64_t bits();                     // splitmix64
-  double uniform(double low, double high);  // [low, high)
-  double normal();                          // sum of 12 uniforms: mean 0, deviation 1, |x| <= 6
-
- private:
-  std::uint64_t state_;
-};
 
 struct SceneOptions {
   std::size_t count = 200;

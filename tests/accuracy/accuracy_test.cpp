@@ -12,15 +12,15 @@ namespace {
 using Catch::Contains;
 
 TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely wrong") {
-  ErrorSum sum;
+  check::ErrorSum sum;
   sum.add(3.5, 3);
   sum.add(-4, -4);
   CHECK(sum.errors().relative == Approx(0.1));
   CHECK(sum.errors().absolute == 0.5);
-  ErrorSum zero;
+  check::ErrorSum zero;
   zero.add(0.25, 0);
   CHECK(zero.errors().relative == 0.25);
-  ErrorSum broken;
+  check::ErrorSum broken;
   broken.add(std::nan(""), 1);
   CHECK(broken.errors().relative == std::numeric_limits<double>::infinity());
   CHECK(broken.errors().absolute == std::numeric_limits<double>::infinity());
@@ -33,13 +33,13 @@ TEST_CASE("errors: the typical one leaves out the hundredth of splats that diffe
   std::vector<float> values(truth.begin(), truth.end());
   values[7] = values[8] = 3;  // x of two splats of another order
   values[9] = 1.01f;
-  const auto groups = group_errors(layout, count, values, truth);
+  const auto groups = check::group_errors(layout, count, values, truth);
   CHECK(groups[0].quantity == "xyz");
   CHECK(groups[0].errors.relative == Approx(std::sqrt(8.0001 / 600)));
   CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
   CHECK(groups[0].errors.absolute == 2);
   values[7] = std::numeric_limits<float>::quiet_NaN();  // of one splat, but no matter of order
-  CHECK(std::isinf(group_errors(layout, count, values, truth)[0].errors.typical));
+  CHECK(std::isinf(check::group_errors(layout, count, values, truth)[0].errors.typical));
 }
 
 TEST_CASE("configurations: text, and the standard table") {
@@ -59,7 +59,7 @@ TEST_CASE("configurations: text, and the standard table") {
 }
 
 TEST_CASE("table: text, CSV, JSON") {
-  const Errors image{1e-6, 5e-6, 1e-6}, xyz{2e-3, 1, 2e-6}, rgb{1e-3, 1, 1e-6};
+  const check::Errors image{1e-6, 5e-6, 1e-6}, xyz{2e-3, 1, 2e-6}, rgb{1e-3, 1, 1e-6};
   const std::vector<Result> results{
       {.form = "fast",
        .truth = "exp",

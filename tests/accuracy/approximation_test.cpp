@@ -3,13 +3,18 @@
 // something, no more than it should, and the stages one by one say where.
 #include <catch2/catch.hpp>
 
-#include "host/accuracy/stage_run.hpp"
+#include "host/accuracy/truth.hpp"
+#include "host/check/stage_run.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/oracle/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs::accuracy {
 namespace {
+
+using check::ErrorSum;
+using check::StageErrors;
+using check::StageRun;
 
 Problem problem(int dim) {
   const oracle::Scene scene =
@@ -52,8 +57,8 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
         config.math = e.math;
         StageRun run(*device, config, p);
         const double image = image_error(run, truth);
-        const auto groups =
-            group_errors(p.model.layout(), p.model.count, run.gradient_of(truth.v_image), truth.gradient);
+        const auto groups = check::group_errors(p.model.layout(), p.model.count,
+                                                run.gradient_of(truth.v_image), truth.gradient);
         const double gradient = worst(groups).errors.relative;
         UNSCOPED_INFO(device->info().name
                       << ", raster " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "

@@ -10,8 +10,8 @@
 #include <set>
 #include <tuple>
 
+#include "host/check/metric_inputs.hpp"
 #include "host/metrics/network.hpp"
-#include "host/oracle/lpips.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/safetensors.hpp"
 
@@ -244,7 +244,7 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   ubs_ok(folder, "synth glossy --out data --size 72 --views 3 --test-views 2 --supersampling 1");
   std::filesystem::create_directory(folder / "weights");
   test::put_safetensors(folder / "weights/lpips_alex.safetensors",
-                        oracle::random_weights(lpips_network("alex"), 3).tensors);
+                        check::random_weights(lpips_network("alex"), 3).tensors);
   const auto train = [](int iterations) {
     return fmt::format(
         "train --data data --out run --overwrite --quiet --dim 3 --iterations {} "

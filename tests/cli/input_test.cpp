@@ -7,11 +7,11 @@
 #include <set>
 
 #include "host/base/text.hpp"
+#include "host/check/metric_inputs.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
 #include "host/metrics/network.hpp"
-#include "host/oracle/lpips.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/made_scene.hpp"
@@ -82,7 +82,7 @@ TEST_CASE(
     "cli: weights of LPIPS that are cut off, damaged or of another network are one line and exit code 3") {
   const TempFolder folder;
   test::put_image(folder / "a/x.png", 64, 64);
-  const TensorFile whole = oracle::random_weights(lpips_network("alex"), 3);
+  const TensorFile whole = check::random_weights(lpips_network("alex"), 3);
   const fs::path file = folder / "w/lpips_alex.safetensors";
   const std::string command = "metrics a/x.png a/x.png --lpips alex --lpips-weights w";
   fs::create_directory(folder / "w");

@@ -6,11 +6,11 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "host/check/metric_inputs.hpp"
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
 #include "host/data/image.hpp"
 #include "host/metrics/network.hpp"
-#include "host/oracle/lpips.hpp"
 #include "host/run/same_run.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
@@ -417,7 +417,7 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
   CHECK(a["views"] == b["views"]);
   CHECK(a["mean"] == b["mean"]);
   // Sums of such weights are infinite.
-  TensorFile weights = oracle::random_weights(lpips_network("alex"), 3);
+  TensorFile weights = check::random_weights(lpips_network("alex"), 3);
   std::ranges::fill(weights.tensors["features.0.weight"].values, 3e38f);
   fs::create_directory(folder / "w");
   test::put_safetensors(folder / "w/lpips_alex.safetensors", weights.tensors);

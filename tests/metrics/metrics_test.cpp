@@ -5,11 +5,11 @@
 #include <random>
 
 #include "host/base/error.hpp"
+#include "host/check/metric_inputs.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/metrics/frame_rate.hpp"
 #include "host/metrics/image_metrics.hpp"
-#include "host/oracle/image_pair.hpp"
 #include "host/oracle/lpips.hpp"
 #include "host/oracle/oracle.hpp"
 #include "host/train/timed_stages.hpp"
@@ -20,11 +20,11 @@
 namespace {
 
 using namespace ubs;
+using check::image_pair;
+using check::upload;
+using check::Uploaded;
 using oracle::Features;
 using oracle::features;
-using oracle::image_pair;
-using oracle::upload;
-using oracle::Uploaded;
 
 // Convolutions in the smallest pieces.
 class SmallMatrices final : public MetricOps {
@@ -100,7 +100,7 @@ TEST_CASE("lpips: small random networks agree with double loops", "[metrics]") {
     const auto ops = make_metric_ops(*device);
     for (const Network& network : lpips_networks()) {
       INFO(network.name);
-      const TensorFile weights = oracle::random_weights(network, 7);
+      const TensorFile weights = check::random_weights(network, 7);
       Lpips lpips(*device, *ops, network, weights);
       SmallMatrices small(*ops);
       Lpips in_pieces(*device, small, network, weights);
@@ -137,7 +137,7 @@ TEST_CASE("lpips: memory is predicted", "[metrics]") {
       device->reset_peak();
       const std::uint64_t before = device->allocated_bytes();
       const auto fresh = make_metric_ops(*device);
-      Lpips lpips(*device, *fresh, lpips_network(name), oracle::random_weights(lpips_network(name), 3));
+      Lpips lpips(*device, *fresh, lpips_network(name), check::random_weights(lpips_network(name), 3));
       lpips.distance(up.a, up.b, LpipsRange::signed_one);
       const std::uint64_t predicted = lpips.memory(size).total(), used = device->peak_bytes() - before;
       CAPTURE(name, predicted, used);
@@ -155,7 +155,7 @@ TEST_CASE("lpips: images and weights that do not fit are refused", "[metrics]") 
   CHECK(smallest_side(lpips_network("vgg")) == 16);
   CHECK_THROWS_WITH(lpips_network("resnet"), Catch::Contains("alex, squeeze or vgg"));
   const Network& network = lpips_network("vgg");
-  TensorFile weights = oracle::random_weights(network, 7);
+  TensorFile weights = check::random_weights(network, 7);
   {
     Lpips lpips(*device, *ops, network, weights);
     CHECK_THROWS_WITH(lpips.check_size({15, 400}), Catch::Contains("at least 16 x 16"));

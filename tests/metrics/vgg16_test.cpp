@@ -5,10 +5,10 @@
 // program's own description.)
 #include <catch2/catch.hpp>
 
+#include "host/check/metric_inputs.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
 #include "host/metrics/image_metrics.hpp"
-#include "host/oracle/image_pair.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/safetensors.hpp"
 #include "tests/support/temp_folder.hpp"
@@ -139,7 +139,7 @@ double vgg16_lpips(const TensorFile& file, Planes a, Planes b) {
 
 TEST_CASE("lpips: VGG16 of full size agrees with the network written out in double", "[metrics]") {
   const PlanarSize size{35, 33};  // odd: all but one of the poolings leave a rest out
-  const auto pair = oracle::image_pair(size);
+  const auto pair = check::image_pair(size);
   const TensorFile weights = random_vgg16();
   const test::TempFolder folder;
   test::put_safetensors(folder / "lpips_vgg.safetensors", weights.tensors);
@@ -153,7 +153,7 @@ TEST_CASE("lpips: VGG16 of full size agrees with the network written out in doub
     if (device->info().name == "CUDA on the host") continue;  // minutes of one thread
     INFO(device->info().name);
     ImageMetrics metrics(*device, {{"vgg"}, folder.path(), {LpipsRange::signed_one, LpipsRange::unit}});
-    const oracle::Uploaded up = oracle::upload(*device, pair, size);
+    const check::Uploaded up = check::upload(*device, pair, size);
     const std::vector<NamedValue> values = metrics.lpips(up.a, up.b);
     REQUIRE(values.size() == 2);
     for (const NamedValue& value : values) {

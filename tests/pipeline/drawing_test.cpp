@@ -5,7 +5,7 @@
 #include <set>
 
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/capture_stages.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -35,7 +35,7 @@ class Drawing {
   bool waited() const { return stages_.last<CountLists>().totals.size == 0; }
 
  private:
-  bench::CaptureStages stages_;
+  CaptureStages stages_;
   Renderer renderer_;
 };
 
@@ -87,8 +87,8 @@ TEST_CASE("pictures are the planes of the device, pixel by pixel", "[renderer]")
         renderer.download({.rgb = std::span(room).subspan(first, values)}, staging);
         for (std::size_t i = 0; i < values; ++i) {
           const std::size_t pixel = i / 3, w = static_cast<std::size_t>(width);
-          expected[first + i] = planes[i % 3 * shape.plane() +
-                                       pixel / w * static_cast<std::size_t>(shape.pitch()) + pixel % w];
+          expected[first + i] =
+              planes[i % 3 * shape.plane() + pixel / w * static_cast<std::size_t>(shape.pitch()) + pixel % w];
         }
         CHECK(room == expected);
         CHECK(std::set(expected.begin(), expected.end()).size() > 1);

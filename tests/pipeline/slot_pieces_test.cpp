@@ -8,8 +8,8 @@
 
 #include "host/base/error.hpp"
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/capture_stages.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/pipeline/renderer.hpp"
@@ -43,7 +43,7 @@ struct Result {
 // `again`: by the bound of the view before, which is the same.
 Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config,
                    bool again = false) {
-  bench::CaptureStages capture(make_stages(device, config));
+  CaptureStages capture(make_stages(device, config));
   const DeviceModel model(device, scene.model);
   Renderer renderer(device, capture);
   renderer.set_cameras({scene.views.views[0].camera});

@@ -8,8 +8,8 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
-#include "host/bench/capture_stages.hpp"
 #include "host/oracle/oracle.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "host/spec/train_settings.hpp"
@@ -45,7 +45,7 @@ struct DrawnView {
 DrawnView view_of(Device& device, const oracle::Scene& scene, RasterKind raster, float alpha_min = 0) {
   KernelConfig config{.dim = scene.model.dim, .raster = raster, .variant = scene.model.variant};
   config.alpha_min = alpha_min;
-  bench::CaptureStages stages(make_stages(device, config));
+  CaptureStages stages(make_stages(device, config));
   const RenderSettings settings = test::settings_of(scene);
   DrawnView view;
   view.gradient =

@@ -33,7 +33,7 @@ Inputs make_inputs() {
       c.fx, c.fy, c.cx, c.cy, static_cast<double>(c.width), static_cast<double>(c.height)};
   std::copy(std::begin(intrinsics), std::end(intrinsics), in.camera.begin() + kCameraFocal);
   in.camera[kCameraQuery] = c.time;
-  oracle::Random random(5);
+  Random random(5);
   in.v_records.resize(static_cast<std::size_t>(kCount) * kGradStride);
   for (double& v : in.v_records) v = random.uniform(-1, 1);
   return in;

@@ -2,8 +2,6 @@
 // Tile lists on every device and for both raster kinds against std::stable_sort, bit for bit: sizes around
 // every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
 // 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
-#include "host/oracle/lists.hpp"
-
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -14,26 +12,27 @@
 #include <tuple>
 #include <vector>
 
+#include "host/check/tile_lists.hpp"
 #include "host/opencl/scan.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {
 namespace {
 
-using oracle::expected_lists;
-using oracle::Words;
-using Splats = oracle::ListedSplats;
-using Expected = oracle::TileLists;
+using check::expected_lists;
+using check::Words;
+using Splats = check::ListedSplats;
+using Expected = check::TileLists;
 constexpr std::uint32_t kGuard = 0xabcdef01u;
 constexpr std::size_t kGuards = 16;
 
-class Random : public oracle::Random {
+class ListRandom : public Random {
  public:
-  Random() : oracle::Random(20) {}
-  std::uint32_t bits() { return static_cast<std::uint32_t>(oracle::Random::bits()); }
+  ListRandom() : Random(20) {}
+  std::uint32_t bits() { return static_cast<std::uint32_t>(Random::bits()); }
   std::uint32_t below(std::uint32_t bound) { return bits() % bound; }
 };
-constexpr auto random_splats = oracle::made_up_splats;
+constexpr auto random_splats = check::made_up_splats;
 
 Buffer<std::uint32_t> uploaded(Device& device, const Words& words) {
   Buffer<std::uint32_t> buffer(device, "test", words.size());
@@ -129,7 +128,7 @@ void on_all_stages(const Body& body, KernelConfig config = {}) {
 
 TEST_CASE("Tile lists of empty and smallest inputs", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     require_lists(device, stages, random_splats(random, 0, 64, 48, 1, 1));
     require_lists(device, stages, random_splats(random, 1, 64, 48, 1, 1));
     require_lists(device, stages, random_splats(random, 1, 16, 16, 1, 0));
@@ -140,7 +139,7 @@ TEST_CASE("Tile lists of empty and smallest inputs", "[lists]") {
 
 TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     for (std::uint32_t size : {16u, 256u, 2048u, 4096u, 8192u, 65536u}) {
       for (std::uint32_t count : {size - 1, size, size + 1}) {
         INFO(count << " splats");
@@ -153,7 +152,7 @@ TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lis
 
 TEST_CASE("Tile lists by a bound are those of waiting, or empty", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     const auto with_rooms = [&](const Splats& splats) {
       const std::uint64_t pairs = expected_lists(splats).totals.intersections;
       for (const std::uint64_t room : {pairs, pairs + 1, pairs - 1, std::uint64_t{1}, 3 * pairs + 5000})
@@ -175,7 +174,7 @@ TEST_CASE("Tile lists by a bound are those of waiting, or empty", "[lists]") {
 
 TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     Splats splats = random_splats(random, 50000, 400, 400, 0.8f, 2);
     const auto with_depths = [&](const auto& key) {
       for (std::size_t i = 0; i < splats.keys.size(); ++i)
@@ -192,7 +191,7 @@ TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") 
 // three digits take, from multiples of everything and from just below them.
 TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     Splats splats = random_splats(random, 9000, 100, 100, 0.7f, 1);
     for (const unsigned bits : {0u, 1u, 11u, 12u, 13u, 24u, 25u, 26u, 31u}) {
       for (const std::uint32_t least : {0x40000000u, 0x40000000u - 7, 0u}) {
@@ -209,14 +208,14 @@ TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
 
 TEST_CASE("Tile lists of more than a million splats", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     require_lists(device, stages, random_splats(random, (1u << 20) + 1, 300, 300, 0.4f, 0));
   });
 }
 
 TEST_CASE("Tile lists of huge rectangles and of images with many tiles", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     Splats square = random_splats(random, 300, 500 * 16, 500 * 16, 1, 1);
     square.set_rect(7, 0, 499, 0, 499);
     require_lists(device, stages, square);
@@ -240,7 +239,7 @@ TEST_CASE("Tile lists of huge rectangles and of images with many tiles", "[lists
 
 TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     Splats splats = random_splats(random, 65535, 160, 160, 1, 1);
     for (std::uint32_t& count : splats.counts) count = 0xfffffff0u - random.below(7);
     splats.counts[3] = 0;
@@ -254,7 +253,7 @@ TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
 TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]") {
   // Scratch left over from a larger scene must not show.
   on_all_stages([](Device& device, Stages& stages) {
-    Random random;
+    ListRandom random;
     const Splats small = random_splats(random, 3000, 100, 100, 0.9f, 2);
     require_lists(device, stages, small);
     require_lists(device, stages, random_splats(random, 70000, 800, 600, 0.9f, 2));
@@ -287,7 +286,7 @@ TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
       KernelConfig config;
       config.raster = raster;
       opencl::Scan scan(*device, config);
-      Random random;
+      ListRandom random;
       // The last one needs a third level of block sums on GPUs (2048 x 2048 elements a second one).
       for (std::uint32_t count : {0u, 1u, 255u, 256u, 257u, 2047u, 2048u, 2049u, 100000u, 4194305u}) {
         INFO(describe(device->info()) << ", " << count << " elements");

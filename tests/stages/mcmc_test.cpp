@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "host/base/error.hpp"
+#include "host/check/copied_splats.hpp"
 #include "host/oracle/learning.hpp"
-#include "host/oracle/population.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {
@@ -27,7 +27,7 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 double opacity_of(float raw) { return logistic(raw); }
 
-struct Model : oracle::Population {
+struct Model : check::Population {
   Model(std::uint32_t count_, std::uint32_t capacity, float raw_opacity)
       : Population(ParameterLayout(kDim), count_, capacity, raw_opacity) {}
 };
@@ -65,7 +65,7 @@ class OnDevice {
 
 std::map<std::uint32_t, int> check_copies(const Model& before, const Model& after,
                                           const std::vector<std::uint32_t>& written) {
-  const oracle::Copies copies = oracle::judge_copies(before, after, written);
+  const check::Copies copies = check::judge_copies(before, after, written);
   REQUIRE(copies.problem == "");
   REQUIRE(copies.opacity_error < 4.8e-7);  // worst seen 2.4e-7
   return copies.of_source;
@@ -116,7 +116,7 @@ TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][dev
       OnDevice on(device, model);
       CHECK(on.relocate(stages) == 4999);
       const Model after = on.download(model);
-      const double expected = oracle::split_opacity(logistic(raw), 5000);
+      const double expected = check::split_opacity(logistic(raw), 5000);
       for (std::uint32_t i = 0; i < model.count; ++i) {
         REQUIRE(after.origin(i) == 1234);
         REQUIRE(after.at(kOpacityRow, i) == after.at(kOpacityRow, 1234));

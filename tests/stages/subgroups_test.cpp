@@ -9,11 +9,11 @@
 #include <cmath>
 
 #include "host/bench/bench_scene.hpp"
-#include "host/bench/capture_stages.hpp"
 #include "host/device/stage_checks.hpp"
 #include "host/opencl/exchange.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "kernels/layout.h"
@@ -54,7 +54,7 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
 TEST_CASE("sums by exchange between lanes are those through local memory") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
-    bench::CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
+    CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
     DeviceModel model(*device, scene.model, scene.model.count);
     Renderer renderer(*device, stages);
     renderer.set_cameras({scene.views.views[0].camera});

@@ -51,7 +51,7 @@ Case row_case(const std::string& name, int dim, std::size_t splats, const ModelV
 void put_splat(Case& c, std::size_t i, const SplatPlan& plan) {
   const ParameterLayout l = c.model.layout();
   const auto put = [&](int row, double value) { c.model.row(row)[i] = static_cast<float>(value); };
-  oracle::Random random(i + 17);
+  Random random(i + 17);
   const std::array<double, 3> centre = c.camera.centre();
   std::array<double, 3> w{};
   for (std::size_t k = 0; k < 3; ++k) {
@@ -79,7 +79,7 @@ void put_splat(Case& c, std::size_t i, const SplatPlan& plan) {
 
 Case ordinary_case(const std::string& name, int dim, std::size_t count, std::uint64_t seed) {
   Case c = row_case(name, dim, count);
-  oracle::Random random(seed);
+  Random random(seed);
   for (std::size_t i = 0; i < count; ++i) {
     SplatPlan plan;
     const double z = random.uniform(1.5, 3);

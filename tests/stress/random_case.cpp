@@ -15,7 +15,6 @@
 namespace ubs::stress {
 namespace {
 
-using oracle::Random;
 using Vector = std::array<double, 3>;
 
 double as_float(double x) { return static_cast<double>(static_cast<float>(x)); }

@@ -43,7 +43,7 @@ void stiffen(Case& c) {
 // Depths differ: another order of the splats gives the same image bits, and their gradients move along.
 TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradients are bit-identical",
                  "[property]") {
-  oracle::Random random(11);
+  Random random(11);
   for (const int dim : kRowDims)
     for (std::uint64_t seed = 0; seed < 4; ++seed) {
       INFO("N = " << dim << ", seed " << seed);
@@ -66,7 +66,7 @@ TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradient
 // Strongly coupled random models, all of them in the image: how many the conditioning makes indefinite.
 Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   Case c = row_case("coupled", dim, 200, {.cov_mode = mode});
-  oracle::Random random(seed);
+  Random random(seed);
   for (std::size_t i = 0; i < c.model.count; ++i) {
     SplatPlan plan;
     const double z = random.uniform(2, 4);

@@ -47,7 +47,7 @@ LossResult device_loss(DeviceRunner& runner, int width, int height, const std::v
 }
 
 std::vector<float> random_image(int width, int height, std::uint64_t seed, double low, double high) {
-  oracle::Random random(seed);
+  Random random(seed);
   std::vector<float> image(3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   for (float& v : image) v = static_cast<float>(random.uniform(low, high));
   return image;

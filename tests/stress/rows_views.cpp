@@ -114,7 +114,7 @@ TEST_CASE_METHOD(Row, "crowded tile: 20 000 splats in a tile", "[view]") {
   for (const int dim : {3, 6}) {
     Case c = row_case("crowded", dim, 20000);
     c.camera.width = c.camera.height = 20, c.camera.cx = c.camera.cy = 8;
-    oracle::Random random(3);
+    Random random(3);
     for (std::size_t i = 0; i < c.model.count; ++i) {
       SplatPlan plan;
       const double z = random.uniform(2, 4);

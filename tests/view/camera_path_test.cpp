@@ -49,7 +49,7 @@ double miss(const Pose& pose, const Vec3& target) {
 }  // namespace
 
 TEST_CASE("pose: matrices, quaternions and cameras agree") {
-  oracle::Random random(5);
+  Random random(5);
   for (int i = 0; i < 200; ++i) {
     const auto number = [&] { return random.uniform(-1, 1); };
     const Vec3 position{number(), number(), number()}, target{number(), number(), number()};
@@ -136,7 +136,7 @@ TEST_CASE("spiral: closed, stays near the mean pose, looks at its focus") {
 
 TEST_CASE("keyframes are passed exactly, on a curve without jumps or kinks") {
   std::vector<Pose> keys;
-  oracle::Random random(9);
+  Random random(9);
   for (int i = 0; i < 6; ++i) {
     const auto number = [&] { return random.uniform(-1, 1); };
     keys.push_back(look_at({3 * number(), 3 * number(), 3 * number()}, {number(), number(), 5}, {0, -1, 0}));
@@ -230,7 +230,7 @@ TEST_CASE("scene frame: cameras that stand unevenly do not lean") {
 
 TEST_CASE("scene frame: of splats, few strays do not move it") {
   SplatModel model(6, 1000);
-  oracle::Random random(3);
+  Random random(3);
   for (std::size_t i = 0; i < model.count; ++i) {
     const bool stray = i % 5 == 0, faint = i % 5 == 1;
     for (int k = 0; k < 3; ++k)
@@ -273,7 +273,7 @@ double least_shown(const SplatModel& model, const SceneFrame& frame, int width, 
 TEST_CASE("scene frame: floaters beyond ten extents do not decide what is shown") {
   constexpr std::size_t kScene = 3000, kFloaters = 1000;
   SplatModel clean(3, kScene), strewn(3, kScene + kFloaters);
-  oracle::Random random(11);
+  Random random(11);
   for (std::size_t i = 0; i < strewn.count; ++i) {
     const bool floater = i >= kScene;
     for (int k = 0; k < 3; ++k) {
@@ -307,7 +307,7 @@ TEST_CASE("scene frame: without cameras the whole of a slender model is in the p
   // A figure of 0.4 x 0.3 x 4 whose splats are mostly in its upper half, and a flat one.
   for (const std::array<double, 3>& extent : {std::array<double, 3>{0.4, 0.3, 4}, {5, 4, 0.2}}) {
     SplatModel model(3, 4000);
-    oracle::Random random(6);
+    Random random(6);
     for (std::size_t i = 0; i < model.count; ++i)
       for (std::size_t k = 0; k < 3; ++k) {
         double t = random.uniform(0, 1);
@@ -342,7 +342,7 @@ TEST_CASE("scene frame: files of other tools are in the picture from all around"
 // A box of 2 x 1 x 3 with a plate at one end of the axis.
 SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
   SplatModel model(3, 3000);
-  oracle::Random random(5);
+  Random random(5);
   const std::array<double, 3> half{1, 0.5, 1.5};
   for (std::size_t i = 0; i < model.count; ++i)
     for (std::size_t k = 0; k < 3; ++k) {
@@ -367,7 +367,7 @@ TEST_CASE("scene frame: a floor tells what is up, nothing does without one") {
 
 TEST_CASE("scene frame: of cameras side by side, the spiral's focus is the scene") {
   SplatModel model(3, 500);
-  oracle::Random random(4);
+  Random random(4);
   for (std::size_t i = 0; i < model.count; ++i) {
     model.row(0)[i] = static_cast<float>(random.uniform(-1, 1));
     model.row(1)[i] = static_cast<float>(random.uniform(-1, 1));

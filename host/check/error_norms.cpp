@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/accuracy/error_norms.hpp"
+#include "host/check/error_norms.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include "host/base/error.hpp"
 
-namespace ubs::accuracy {
+namespace ubs::check {
 
 void ErrorSum::add(double value, double truth) {
   double difference = std::abs(value - truth);
@@ -78,4 +78,4 @@ const NamedErrors& worst(std::span<const NamedErrors> errors) {
   return *std::ranges::max_element(errors, {}, [](const NamedErrors& e) { return e.errors.typical; });
 }
 
-}  // namespace ubs::accuracy
+}  // namespace ubs::check

@@ -10,7 +10,7 @@
 
 #include "host/scene/splat_model.hpp"
 
-namespace ubs::oracle {
+namespace ubs::check {
 
 // Raw parameters and moments in rows of `stride`. Row 0 of a splat is its own index, so that copies show
 // where they come from.
@@ -28,6 +28,10 @@ struct Population {
   double opacity(std::uint32_t i) const;
 };
 
+// Returns the opacity of each of `parts` equal splats that together absorb as much as one of `opacity`,
+// within the limits of method.md 4.3.
+double split_opacity(double opacity, double parts);
+
 struct Copies {
   std::string problem;       // the first one; empty: there is none
   double opacity_error = 0;  // largest relative error of a source's new opacity
@@ -38,4 +42,4 @@ struct Copies {
 Copies judge_copies(const Population& before, const Population& after,
                     const std::vector<std::uint32_t>& written);
 
-}  // namespace ubs::oracle
+}  // namespace ubs::check

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/oracle/lists.hpp"
+#include "host/check/tile_lists.hpp"
 
 #include <algorithm>
 #include <bit>
 
-namespace ubs::oracle {
+namespace ubs::check {
 
 void ListedSplats::set_rect(std::size_t i, std::uint32_t x0, std::uint32_t x1, std::uint32_t y0,
                             std::uint32_t y1) {
@@ -68,4 +68,4 @@ ListedSplats made_up_splats(Random& random, std::uint32_t count, int width, int 
   return splats;
 }
 
-}  // namespace ubs::oracle
+}  // namespace ubs::check

@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "host/accuracy/error_norms.hpp"
-#include "host/accuracy/truth.hpp"
-#include "host/bench/capture_stages.hpp"
+#include "host/check/error_norms.hpp"
+#include "host/check/stage_truth.hpp"
+#include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 
-namespace ubs::accuracy {
+namespace ubs::check {
 
 struct StageErrors {
   std::string stage;
@@ -54,18 +54,16 @@ class StageRun {
   StageErrors loss_errors(const StageTruth& truth);
   StageErrors raster_backward_errors(const StageTruth& truth);
   StageErrors project_backward_errors(const StageTruth& truth);
-  std::vector<Record> read_records() const;
-  void write_records(const std::vector<Record>& records);
   void write_planes(BufferView<float> to, std::span<const float> planes);  // pads
   std::vector<float> read_planes(BufferView<float> from) const;            // crops
 
   Device& device_;
   const Problem& problem_;
-  bench::CaptureStages stages_;
+  CaptureStages stages_;
   DeviceModel model_;
   Renderer renderer_;
   RenderSettings settings_;
   Buffer<float> target_, sums_, v_params_;
 };
 
-}  // namespace ubs::accuracy
+}  // namespace ubs::check

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/oracle/population.hpp"
+#include "host/check/copied_splats.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "host/oracle/learning.hpp"
-
-namespace ubs::oracle {
+namespace ubs::check {
 namespace {
 
 constexpr float kMoment1 = 1.5f, kMoment2 = 2.5f;
@@ -47,6 +45,10 @@ double Population::opacity(std::uint32_t i) const {
   return 1 / (1 + std::exp(-static_cast<double>(at(opacity_row, i))));
 }
 
+double split_opacity(double opacity, double parts) {
+  return std::clamp(1 - std::pow(1 - opacity, 1 / parts), 0.005, 1 - std::ldexp(1.0, -23));
+}
+
 Copies judge_copies(const Population& before, const Population& after,
                     const std::vector<std::uint32_t>& written) {
   Copies copies;
@@ -77,4 +79,4 @@ Copies judge_copies(const Population& before, const Population& after,
   return copies;
 }
 
-}  // namespace ubs::oracle
+}  // namespace ubs::check

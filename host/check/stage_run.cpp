@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/accuracy/stage_run.hpp"
+#include "host/check/stage_run.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -9,7 +9,7 @@
 #include "host/device/registry.hpp"
 #include "kernels/layout.h"
 
-namespace ubs::accuracy {
+namespace ubs::check {
 namespace {
 
 template <typename T>
@@ -38,15 +38,6 @@ constexpr Fields kGradientFields[] = {{"mean", kGradX, 2},
 
 bool has_field(const Fields& fields, const ModelVariant& variant) {
   return std::string_view(fields.name) != "beta" || variant.has_spatial_beta();
-}
-
-double true_field(const StageTruth& truth, std::size_t splat, std::size_t field) {
-  const auto& f = truth.footprints[splat];
-  if (field < kSplatL00) return f.mean[field];
-  if (field <= kSplatL11) return truth.factors[splat][field - kSplatL00];
-  if (field == kSplatOpacity) return f.opacity;
-  if (field == kSplatBeta) return f.beta;
-  return field == kSplatDepth ? f.depth : f.rgb[field - kSplatR];
 }
 
 }  // namespace
@@ -127,34 +118,19 @@ std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
   return gradient();
 }
 
-std::vector<Record> StageRun::read_records() const {
-  const std::vector<float> values =
-      read(device_, stages_.last<ProjectForward>().records, kSplatStride * model_.count());
-  std::vector<Record> records(model_.count());
-  for (std::size_t i = 0; i < records.size(); ++i)
-    std::copy_n(&values[kSplatStride * i], kSplatStride, records[i].begin());
-  return records;
-}
-
-void StageRun::write_records(const std::vector<Record>& records) {
-  std::vector<float> values(kSplatStride * records.size());
-  for (std::size_t i = 0; i < records.size(); ++i)
-    std::copy_n(records[i].begin(), kSplatStride, &values[kSplatStride * i]);
-  write<float>(device_, stages_.last<ProjectForward>().records, values);
-}
-
 StageErrors StageRun::projection_errors(const StageTruth& truth) {
   stages_.repeat<ProjectForward>();
-  const std::vector<Record> records = read_records();
-  const auto drawn = read(device_, stages_.last<ProjectForward>().tile_counts, records.size());
+  const std::size_t count = model_.count();
+  const auto records = read(device_, stages_.last<ProjectForward>().records, kSplatStride * count);
+  const auto drawn = read(device_, stages_.last<ProjectForward>().tile_counts, count);
   StageErrors out{"project_forward", {}};
   for (const Fields& fields : kRecordFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
-    for (std::size_t i = 0; i < records.size(); ++i)
-      for (std::size_t k = fields.first;
-           drawn[i] > 0 && truth.footprints[i].visible && k < fields.first + fields.count; ++k)
-        sum.add(records[i][k], true_field(truth, i, k));
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = fields.first; drawn[i] > 0 && truth.visible[i] && k < fields.first + fields.count;
+           ++k)
+        sum.add(records[kSplatStride * i + k], truth.records[kSplatStride * i + k]);
     out.quantities.push_back({fields.name, sum.errors()});
   }
   return out;
@@ -162,11 +138,12 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
 
 // The tiles that a splat is listed in are the device's own: they have a margin beyond its footprint.
 StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
-  write_records(truth.records);
-  auto keys = read(device_, stages_.last<ProjectForward>().depth_keys, truth.records.size());
+  const std::vector<float> records = rounded(truth.records);
+  write<float>(device_, stages_.last<ProjectForward>().records, records);
+  auto keys = read(device_, stages_.last<ProjectForward>().depth_keys, model_.count());
   for (std::size_t i = 0; i < keys.size(); ++i)
-    if (keys[i] != UBS_KEY_CULLED && truth.footprints[i].visible)
-      keys[i] = std::bit_cast<std::uint32_t>(truth.records[i][kSplatDepth]);
+    if (keys[i] != UBS_KEY_CULLED && truth.visible[i])
+      keys[i] = std::bit_cast<std::uint32_t>(records[kSplatStride * i + kSplatDepth]);
   write<std::uint32_t>(device_, stages_.last<ProjectForward>().depth_keys, keys);
   stages_.repeat<CountLists>();
   stages_.repeat<BuildLists>();
@@ -177,7 +154,7 @@ StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
 }
 
 StageErrors StageRun::loss_errors(const StageTruth& truth) {
-  write_planes(renderer_.image(), truth.image_rounded);
+  write_planes(renderer_.image(), rounded(truth.image));
   stages_.repeat<ImageLoss>();
   ErrorSum gradient, value;
   gradient.add(read_planes(renderer_.v_image()), truth.v_image);
@@ -186,8 +163,8 @@ StageErrors StageRun::loss_errors(const StageTruth& truth) {
 }
 
 StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
-  write_planes(renderer_.image(), truth.image_rounded);
-  write_planes(renderer_.v_image(), truth.v_image_rounded);
+  write_planes(renderer_.image(), rounded(truth.image));
+  write_planes(renderer_.v_image(), rounded(truth.v_image));
   stages_.repeat<RasterBackward>();
   stages_.repeat<SumSlots>();
   const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
@@ -195,23 +172,22 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   StageErrors out{"raster_backward", {}};
   // A device may take a denormal opacity for 0 and leave the splat out.
   const auto decided = [&](std::size_t i) {
-    return std::fpclassify(truth.records[i][kSplatOpacity]) != FP_SUBNORMAL;
+    return std::fpclassify(static_cast<float>(truth.records[kSplatStride * i + kSplatOpacity])) !=
+           FP_SUBNORMAL;
   };
   for (const Fields& fields : kGradientFields) {
     if (!has_field(fields, problem_.model.variant)) continue;
     ErrorSum sum;
-    for (std::size_t i = 0; i < truth.v_footprints.size(); ++i)
+    for (std::size_t i = 0; i < model_.count(); ++i)
       for (std::size_t k = fields.first; decided(i) && k < fields.first + fields.count; ++k)
-        sum.add(v[i * kGradStride + k], truth.v_footprints[i][k]);
+        sum.add(v[i * kGradStride + k], truth.v_records[i * kGradStride + k]);
     out.quantities.push_back({fields.name, sum.errors()});
   }
   return out;
 }
 
 ProjectBackward StageRun::given_to_projection(const StageTruth& truth) {
-  std::vector<float> v;
-  for (const Record& record : truth.v_records) v.insert(v.end(), record.begin(), record.end());
-  write<float>(device_, stages_.last<ProjectBackward>().v_records, v);
+  write<float>(device_, stages_.last<ProjectBackward>().v_records, rounded(truth.v_records));
   return stages_.last<ProjectBackward>();
 }
 
@@ -236,4 +212,4 @@ std::vector<StageErrors> StageRun::stage_errors(const StageTruth& truth) {
   return all;
 }
 
-}  // namespace ubs::accuracy
+}  // namespace ubs::check

@@ -5,10 +5,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "host/base/random.hpp"
 #include "host/device/stages.hpp"
-#include "host/oracle/scenes.hpp"
 
-namespace ubs::oracle {
+namespace ubs::check {
 
 using Words = std::vector<std::uint32_t>;
 
@@ -35,4 +35,4 @@ TileLists expected_lists(const ListedSplats& splats);
 ListedSplats made_up_splats(Random& random, std::uint32_t count, int width, int height, double drawn,
                             std::uint32_t spread);
 
-}  // namespace ubs::oracle
+}  // namespace ubs::check

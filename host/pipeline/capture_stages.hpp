@@ -13,7 +13,7 @@
 
 #include "host/device/stages.hpp"
 
-namespace ubs::bench {
+namespace ubs {
 
 class CaptureStages final : public Stages {
  public:
@@ -48,4 +48,4 @@ class CaptureStages final : public Stages {
   std::array<std::optional<Operation>, kOperationNames.size()> last_;
 };
 
-}  // namespace ubs::bench
+}  // namespace ubs

@@ -10,7 +10,7 @@
 
 #include "host/scene/splat_model.hpp"
 
-namespace ubs::accuracy {
+namespace ubs::check {
 
 struct Errors {
   double relative = 0;  // ||a - b|| / ||b|| (2-norm); ||a|| where b is zero
@@ -46,4 +46,4 @@ std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t
 // The one with the largest typical error; the list must not be empty.
 const NamedErrors& worst(std::span<const NamedErrors> errors);
 
-}  // namespace ubs::accuracy
+}  // namespace ubs::check

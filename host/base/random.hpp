@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Random numbers for made-up scenes and inputs of checks. The generator is our own because the results of the
+// distributions in <random> depend on the standard library. Kernels and training draw from counters instead
+// (philox.hpp).
+#pragma once
+
+#include <cstdint>
+
+namespace ubs {
+
+// Random is the generator splitmix64. Sums and products are not contracted (-ffp-contract=off), so a seed
+// gives the same numbers on all machines.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+
+  std::uint64_t bits() {
+    std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    return z ^ (z >> 31);
+  }
+  // In [low, high).
+  double uniform(double low, double high) {
+    return low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1p-53);
+  }
+  // The sum of 12 uniforms: mean 0, standard deviation 1, and never beyond 6.
+  double normal() {
+    double sum = -6;
+    for (int i = 0; i < 12; ++i) sum += uniform(0, 1);
+    return sum;
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+}  // namespace ubs

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// The file of ubs_check_vectors as a part of the program. UBS_CHECK_VECTORS is its path.
+#include "host/check/vectors.hpp"
+
+#ifdef _WIN32
+#define UBS_READ_ONLY ".section .rdata,\"dr\"\n"
+#else
+#define UBS_READ_ONLY ".section .rodata,\"a\"\n"
+#endif
+__asm__(UBS_READ_ONLY
+        ".global ubs_check_vectors_begin\n"
+        ".global ubs_check_vectors_end\n"
+        ".balign 16\n"
+        "ubs_check_vectors_begin:\n"
+        ".incbin \"" UBS_CHECK_VECTORS
+        "\"\n"
+        "ubs_check_vectors_end:\n"
+        ".byte 0\n"
+        ".text\n");
+
+extern "C" {
+extern const unsigned char ubs_check_vectors_begin[], ubs_check_vectors_end[];
+}
+
+namespace ubs::check {
+
+const Vectors& embedded_vectors() {
+  static const Vectors vectors =
+      unpack(std::as_bytes(std::span(ubs_check_vectors_begin, ubs_check_vectors_end)));
+  return vectors;
+}
+
+}  // namespace ubs::check

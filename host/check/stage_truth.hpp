@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is drawn and compared, and what float64 says about each stage. The numbers come from the float64
+// reference: at build time for a check of devices (vectors.hpp), at run time for host/accuracy.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "host/scene/camera.hpp"
+#include "host/scene/splat_model.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::check {
+
+// Problem is a view of a model with its target image. float32 and float64 get the same numbers.
+struct Problem {
+  SplatModel model;  // with its form of the method
+  Camera camera;
+  std::vector<float> target;  // (3, height, width)
+  std::array<float, 3> background{};
+  double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3, lambda_dssim = 0.2;
+  bool query_grad = false;
+  // By pixel: left out of images that are compared, and without a gradient. Empty: there are none.
+  std::vector<std::uint8_t> undecided;
+};
+
+// StageTruth has the result of each stage, given the results of the stages before it rounded to float32. So
+// each array is at the same time what one stage should compute and, rounded, what the next one is given.
+struct StageTruth {
+  std::vector<std::uint8_t> visible;  // of every splat
+  // Projected splats in the order of kernels/layout.h (count, kSplatStride). Those that are not visible lie
+  // far away and have opacity 0.
+  std::vector<double> records;
+  std::vector<double> image;      // (3, height, width)
+  std::vector<double> v_image;    // d loss / d image
+  std::vector<double> v_records;  // in the order of kernels/layout.h (count, kGradStride)
+  std::vector<double> v_params;   // layout of the model
+  double loss = 0;
+};
+
+inline std::vector<float> rounded(const std::vector<double>& values) {
+  std::vector<float> result(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) result[i] = static_cast<float>(values[i]);
+  return result;
+}
+
+}  // namespace ubs::check
