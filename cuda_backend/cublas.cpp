@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cublas_v2.h>
 
+#include "cuda_backend/cuda_gemm.hpp"
 #include "cuda_backend/dynamic_library.hpp"
-#include "cuda_backend/gemm.hpp"
 
 namespace ubs::cuda {
 namespace {

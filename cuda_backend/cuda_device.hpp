@@ -12,10 +12,10 @@
 
 #include "cuda_backend/compiler.hpp"
 #include "cuda_backend/cuda_api.hpp"
+#include "cuda_backend/cuda_tuning.hpp"
 #include "cuda_backend/device_algorithms.hpp"
 #include "cuda_backend/module.hpp"
 #include "cuda_backend/staging.hpp"
-#include "cuda_backend/tuning.hpp"
 #include "host/device/device.hpp"
 
 namespace ubs::cuda {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage interface on a CUDA device: each operation is handed to the class that owns its kernels.
 #include "cuda_backend/cuda_device.hpp"
+#include "cuda_backend/cuda_image_loss.hpp"
+#include "cuda_backend/cuda_lists.hpp"
+#include "cuda_backend/cuda_projection.hpp"
+#include "cuda_backend/cuda_raster.hpp"
 #include "cuda_backend/grid.hpp"
-#include "cuda_backend/image_loss.hpp"
 #include "cuda_backend/kernel_choice.hpp"
-#include "cuda_backend/lists.hpp"
-#include "cuda_backend/projection.hpp"
-#include "cuda_backend/raster.hpp"
 #include "host/device/kernel_options.hpp"
 #include "host/device/map_stages.hpp"
 #include "host/device/parameter_stages.hpp"

@@ -7,7 +7,7 @@
 
 #include <cstddef>
 
-#include "cuda_backend/kernels.hpp"
+#include "cuda_backend/cuda_kernels.hpp"
 
 namespace ubs::cuda {
 

@@ -7,7 +7,7 @@
 #include <cuda_runtime.h>
 #include <math.h>
 
-#include "cuda_backend/kernels.hpp"
+#include "cuda_backend/cuda_kernels.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::cuda {

@@ -9,7 +9,7 @@
 #include <cuda_runtime.h>
 #include <math.h>
 
-#include "cuda_backend/kernels.hpp"
+#include "cuda_backend/cuda_kernels.hpp"
 
 #define UBS_VW 1
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The operations of image metrics: the shared kernels of metric_kernels.cu, and cuBLAS.
-#include "cuda_backend/gemm.hpp"
+#include "cuda_backend/cuda_gemm.hpp"
 #include "cuda_backend/grid.hpp"
 #include "host/device/map_metric_ops.hpp"
 

@@ -6,7 +6,7 @@
 
 #include <string>
 
-#include "cuda_backend/kernels.hpp"
+#include "cuda_backend/cuda_kernels.hpp"
 
 namespace ubs::cuda {
 

@@ -2,7 +2,7 @@
 // The subcommands of `ubs`. Each function declares one with its options.
 #pragma once
 
-#include "tools/common/program.hpp"
+#include "tools/common/subcommands.hpp"
 
 namespace ubs::tools {
 

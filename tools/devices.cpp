@@ -13,8 +13,8 @@
 #include "tools/commands.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
+#include "tools/common/program_version.hpp"
 #include "tools/common/settings_options.hpp"
-#include "tools/common/version.hpp"
 #include "tools/device_reports.hpp"
 
 namespace ubs::tools {

@@ -19,9 +19,9 @@
 #include "host/check/conformance.hpp"
 #include "host/device/tuning.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 #include "tools/device_reports.hpp"
 
 namespace ubs::tools {

@@ -4,22 +4,22 @@
 #include <algorithm>
 #include <memory>
 
+#include "host/api/open_data.hpp"
+#include "host/api/proved_device.hpp"
+#include "host/api/run_cameras.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
-#include "host/metrics/frame_rate.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
+#include "host/pipeline/frame_rate.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/job.hpp"
 #include "tools/common/lpips_options.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -6,19 +6,19 @@
 #include <memory>
 #include <set>
 
+#include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/data/view_names.hpp"
-#include "host/run/open_data.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/math/elementary.h"
 #include "tools/commands.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {

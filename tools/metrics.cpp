@@ -4,20 +4,20 @@
 #include <map>
 #include <memory>
 
+#include "host/api/image_comparison.hpp"
+#include "host/api/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
-#include "host/run/image_comparison.hpp"
-#include "host/run/proved_device.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/lpips_options.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 
 namespace ubs::tools {
 namespace {

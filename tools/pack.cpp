@@ -3,10 +3,10 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
+#include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/packed.hpp"
-#include "host/run/open_data.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"

@@ -6,22 +6,22 @@
 #include <filesystem>
 #include <memory>
 
+#include "host/api/open_data.hpp"
+#include "host/api/proved_device.hpp"
+#include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 #include "tools/reduce_report.hpp"
 
 namespace ubs::tools {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "host/reduce/model_times.hpp"
-#include "host/reduce/reducer.hpp"
+#include "host/api/model_times.hpp"
+#include "host/api/reducer.hpp"
 #include "tools/common/output.hpp"
 
 namespace ubs::tools {

@@ -8,18 +8,18 @@
 #include <set>
 #include <span>
 
+#include "host/api/open_data.hpp"
+#include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/video_writer.hpp"
-#include "host/run/open_data.hpp"
-#include "host/view/picture.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
 #include "tools/common/job.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/path_options.hpp"

@@ -6,25 +6,25 @@
 #include <filesystem>
 #include <memory>
 
+#include "host/api/open_data.hpp"
+#include "host/api/proved_device.hpp"
+#include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
-#include "host/report/report_page.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/run/run_cameras.hpp"
+#include "host/look/report/report_page.hpp"
+#include "host/look/web/page.hpp"
+#include "host/look/web/steps.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/web/page.hpp"
-#include "host/web/steps.hpp"
 #include "tools/commands.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -3,10 +3,10 @@
 
 #include <algorithm>
 
+#include "host/api/open_data.hpp"
 #include "host/base/text.hpp"
-#include "host/run/open_data.hpp"
-#include "host/spec/settings.hpp"
-#include "tools/common/version.hpp"
+#include "host/scene/settings.hpp"
+#include "tools/common/program_version.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <optional>
 
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/run_folder.hpp"

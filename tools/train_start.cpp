@@ -5,10 +5,10 @@
 
 #include <filesystem>
 
+#include "host/api/same_run.hpp"
+#include "host/api/training_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
-#include "host/run/same_run.hpp"
-#include "host/run/training_data.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/run_keeper.hpp"

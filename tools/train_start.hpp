@@ -10,7 +10,7 @@
 #include <string>
 
 #include "host/base/folder_lock.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/device/device.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/fast_settings.hpp"

@@ -8,11 +8,11 @@
 #include <cstdlib>
 #include <memory>
 
-#include "host/run/open_data.hpp"
-#include "host/serve/live.hpp"
+#include "host/api/open_data.hpp"
+#include "host/look/serve/live.hpp"
 #include "tools/commands.hpp"
 #include "tools/common/interrupt.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/page_views.hpp"
 #include "tools/common/path_options.hpp"

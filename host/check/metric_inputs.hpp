@@ -12,9 +12,9 @@
 #include <string>
 #include <vector>
 
-#include "host/metrics/image_metrics.hpp"
-#include "host/metrics/lpips.hpp"
-#include "host/metrics/safetensors.hpp"
+#include "host/pipeline/image_metrics.hpp"
+#include "host/pipeline/lpips.hpp"
+#include "host/pipeline/safetensors.hpp"
 
 namespace ubs::check {
 

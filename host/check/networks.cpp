@@ -4,7 +4,7 @@
 #include "host/check/metric_inputs.hpp"
 #include "host/check/stage_checks.hpp"
 #include "host/device/registry.hpp"
-#include "host/metrics/image_metrics.hpp"
+#include "host/pipeline/image_metrics.hpp"
 
 namespace ubs::check {
 

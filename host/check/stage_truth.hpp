@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is drawn and compared, and what float64 says about each stage. The numbers come from the float64
-// reference: at build time for a check of devices (vectors.hpp), at run time for host/accuracy.
+// reference: at build time for a check of devices (vectors.hpp), at run time for host/lab/accuracy.
 #pragma once
 
 #include <array>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Vectors are the inputs and the expected results of a check of devices. ubs_check_vectors
-// (host/accuracy/check_vectors.cpp) makes them when ubs is built, with the float64 reference of host/oracle,
-// and they are embedded into the library. So a check needs no reference at run time.
+// (host/lab/accuracy/check_vectors.cpp) makes them when ubs is built, with the float64 reference of
+// host/lab/oracle, and they are embedded into the library. So a check needs no reference at run time.
 #pragma once
 
 #include <array>

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 
 namespace ubs {
 

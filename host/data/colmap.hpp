@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "host/data/lens.hpp"
-#include "host/data/point_cloud.hpp"
+#include "host/data/world_points.hpp"
 
 namespace ubs {
 

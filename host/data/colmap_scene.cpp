@@ -5,7 +5,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/colmap.hpp"
 #include "host/data/data_root.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 #include "host/scene/pose.hpp"

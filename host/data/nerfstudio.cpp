@@ -6,8 +6,8 @@
 
 #include "host/base/paths.hpp"
 #include "host/data/data_root.hpp"
-#include "host/data/dataset.hpp"
 #include "host/data/frames_json.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 

@@ -12,7 +12,7 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 
 namespace ubs {
 namespace {

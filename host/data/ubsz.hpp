@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model in one small file (.ubsz), which browsers read as well (host/web): parameters as they are, or
+// A model in one small file (.ubsz), which browsers read as well (host/look/web): parameters as they are, or
 // rounded to multiples of steps, ordered so that they compress. docs/web.md has the layout.
 #pragma once
 

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <string>
 
-#include "host/data/dataset.hpp"
 #include "host/data/lens.hpp"
+#include "host/data/load_dataset.hpp"
 
 namespace ubs {
 

@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "host/device/map_kernels.hpp"
-#include "host/device/stage_checks.hpp"
+#include "host/device/operation_checks.hpp"
 
 namespace ubs {
 

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "host/device/map_kernels.hpp"
-#include "host/device/stage_checks.hpp"
+#include "host/device/operation_checks.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"

@@ -12,7 +12,7 @@
 #include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #ifdef UBS_WITH_CUDA
-#include "cuda_backend/platform.hpp"
+#include "cuda_backend/cuda_platform.hpp"
 #endif
 #ifdef UBS_WITH_OPENCL
 #include "host/opencl/driver_cache.hpp"

@@ -15,7 +15,7 @@
 #include <variant>
 
 #include "host/device/device.hpp"
-#include "host/device/math_mode.hpp"
+#include "host/scene/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
 
 namespace ubs {

@@ -3,9 +3,9 @@
 
 #include <limits>
 
-#include "host/device/stage_checks.hpp"
+#include "host/device/operation_checks.hpp"
 #include "host/device/stage_sizes.hpp"
-#include "host/opencl/tuning.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 
 namespace ubs::opencl {
 namespace {

@@ -9,8 +9,8 @@
 #include "host/opencl/driver_watch.hpp"
 #include "host/opencl/huge_pages.hpp"
 #include "host/opencl/memory.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 #include "host/opencl/sources.hpp"
-#include "host/opencl/tuning.hpp"
 
 namespace ubs::opencl {
 namespace {

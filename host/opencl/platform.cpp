@@ -10,7 +10,7 @@
 #include "host/opencl/cl_api.hpp"
 #include "host/opencl/driver_cache.hpp"
 #include "host/opencl/opencl_device.hpp"
-#include "host/opencl/tuning.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 
 namespace ubs::opencl {
 namespace {

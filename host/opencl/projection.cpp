@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/projection.hpp"
 
-#include "host/device/stage_checks.hpp"
-#include "host/opencl/tuning.hpp"
+#include "host/device/operation_checks.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 #include "host/scene/frozen_groups.hpp"
 
 namespace ubs::opencl {

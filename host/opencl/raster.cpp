@@ -4,8 +4,8 @@
 #include <string_view>
 
 #include "host/base/warning.hpp"
-#include "host/device/stage_checks.hpp"
-#include "host/opencl/tuning.hpp"
+#include "host/device/operation_checks.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::opencl {

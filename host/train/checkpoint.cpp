@@ -15,7 +15,7 @@
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 
 namespace ubs {
 namespace {

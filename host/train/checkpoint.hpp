@@ -12,7 +12,7 @@
 
 #include "host/cluster/communicator.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/time_budget.hpp"
 #include "host/train/train_state.hpp"
 

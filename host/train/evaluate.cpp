@@ -6,7 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
-#include "host/metrics/masked_metrics.hpp"
+#include "host/pipeline/masked_metrics.hpp"
 #include "host/train/fit_appearance.hpp"
 #include "host/train/target_loss.hpp"
 

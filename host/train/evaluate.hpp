@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "host/cluster/communicator.hpp"
-#include "host/metrics/image_metrics.hpp"
+#include "host/pipeline/image_metrics.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

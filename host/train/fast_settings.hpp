@@ -6,7 +6,7 @@
 #include <array>
 #include <optional>
 
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 

@@ -13,7 +13,7 @@
 
 #include "host/device/device.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/nonfinite_source.hpp"
 #include "host/train/train_state.hpp"
 

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "host/device/stages.hpp"
-#include "host/metrics/image_metrics.hpp"
 #include "host/pipeline/device_model.hpp"
+#include "host/pipeline/image_metrics.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

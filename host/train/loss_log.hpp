@@ -8,7 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/device.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 

@@ -12,7 +12,7 @@
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/pyramid.hpp"
 
 namespace ubs {

@@ -9,7 +9,7 @@
 #include "host/pipeline/memory_plan.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 

@@ -9,8 +9,8 @@
 #include "host/device/operations.hpp"
 #include "host/device/tuning.hpp"
 #include "host/scene/frozen_groups.hpp"
+#include "host/scene/settings.hpp"
 #include "host/scene/splat_model.hpp"
-#include "host/spec/settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

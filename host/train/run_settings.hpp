@@ -10,7 +10,7 @@
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "host/pipeline/renderer.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/target_images.hpp"
 
 namespace ubs {

@@ -16,7 +16,7 @@
 #include "host/cluster/communicator.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/guard.hpp"
 #include "host/train/learnt_sky.hpp"
 #include "host/train/loss_log.hpp"

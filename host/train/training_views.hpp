@@ -11,7 +11,7 @@
 
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/camera_refiner.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/target_images.hpp"

@@ -8,7 +8,7 @@
 
 #include <vector>
 
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs {
 

@@ -13,7 +13,7 @@
 //
 // The tile is as wide as local memory allows.
 
-// Tuned constants (host/opencl/tuning.cpp); the host passes those that it launches with. Widths are multiples
+// Tuned constants (host/opencl/opencl_tuning.cpp); the host passes those that it launches with. Widths are multiples
 // of 16, strips divide LOSS_TILE_Y.
 #ifndef UBS_LOSS_TILE
 #define UBS_LOSS_TILE 112

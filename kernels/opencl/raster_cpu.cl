@@ -12,7 +12,7 @@ enum {
   kBlocks = kBlocksX * kBlocksX,
   kParts = kBlock * kBlock / UBS_VW,
 };
-// Tuned constants (host/opencl/tuning.cpp). A chunk is whole vectors and at most the 64 bits of a word.
+// Tuned constants (host/opencl/opencl_tuning.cpp). A chunk is whole vectors and at most the 64 bits of a word.
 #ifndef UBS_CHUNK
 #define UBS_CHUNK 64
 #endif

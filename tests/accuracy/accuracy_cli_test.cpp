@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "host/bench/bench_scene.hpp"
 #include "host/data/model_notes.hpp"
 #include "host/data/ply.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 

@@ -3,8 +3,8 @@
 #include <catch2/catch.hpp>
 #include <limits>
 
-#include "host/accuracy/table.hpp"
 #include "host/base/json.hpp"
+#include "host/lab/accuracy/table.hpp"
 
 namespace ubs::accuracy {
 namespace {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every mode of powers (host/device/math_mode.hpp) on every device against the float64 oracle: it does
+// Every mode of powers (host/scene/math_mode.hpp) on every device against the float64 oracle: it does
 // something, no more than it should, and the stages one by one say where.
 #include <catch2/catch.hpp>
 
-#include "host/accuracy/truth.hpp"
 #include "host/check/stage_run.hpp"
+#include "host/lab/accuracy/truth.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/opencl/opencl_device.hpp"
-#include "host/oracle/scenes.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs::accuracy {

@@ -2,10 +2,10 @@
 // Measurements on the devices: they measure what they claim to, and memory is what the plan says.
 #include <catch2/catch.hpp>
 
-#include "host/bench/runner.hpp"
-#include "host/bench/step_bench.hpp"
-#include "host/bench/training_bench.hpp"
 #include "host/device/registry.hpp"
+#include "host/lab/bench/runner.hpp"
+#include "host/lab/bench/step_bench.hpp"
+#include "host/lab/bench/training_bench.hpp"
 #include "host/pipeline/memory_plan.hpp"
 #include "host/train/trainer.hpp"
 #include "kernels/layout.h"

@@ -5,10 +5,10 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "host/bench/bench_scene.hpp"
-#include "host/bench/report.hpp"
 #include "host/data/npy.hpp"
-#include "host/oracle/oracle.hpp"
+#include "host/lab/bench/bench_scene.hpp"
+#include "host/lab/bench/report.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -5,7 +5,7 @@
 #include <map>
 
 #include "host/base/error.hpp"
-#include "host/bench/tuner.hpp"
+#include "host/lab/bench/tuner.hpp"
 
 namespace ubs::bench {
 namespace {

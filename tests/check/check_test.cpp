@@ -16,8 +16,8 @@
 #include "host/device/registry.hpp"
 #include "host/opencl/platform.hpp"
 #include "tests/support/changed_kernels.hpp"
-#include "tests/support/environment.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/set_variable.hpp"
 
 namespace ubs::test {
 namespace {

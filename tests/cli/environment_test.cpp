@@ -11,9 +11,9 @@
 #include <tuple>
 
 #include "host/check/metric_inputs.hpp"
-#include "host/metrics/network.hpp"
+#include "host/pipeline/network.hpp"
 #include "tests/support/run_ubs.hpp"
-#include "tests/support/safetensors.hpp"
+#include "tests/support/write_safetensors.hpp"
 
 namespace ubs {
 namespace {
@@ -21,8 +21,8 @@ namespace {
 using test::check_error;
 using test::ended_by;
 using test::get;
-using test::put;
 using test::program_of;
+using test::put;
 using test::Result;
 using test::run_command;
 using test::run_ubs;

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "tests/support/environment.hpp"
 #include "tests/support/run_ubs.hpp"
+#include "tests/support/set_variable.hpp"
 
 namespace ubs {
 namespace {

@@ -11,13 +11,13 @@
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
-#include "host/metrics/network.hpp"
+#include "host/pipeline/network.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
-#include "tests/support/safetensors.hpp"
 #include "tests/support/whole_sweep.hpp"
+#include "tests/support/write_safetensors.hpp"
 
 namespace ubs {
 namespace {

@@ -6,7 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/ply.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/support/html_check.hpp"

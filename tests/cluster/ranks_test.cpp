@@ -6,20 +6,20 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "host/api/same_run.hpp"
 #include "host/check/metric_inputs.hpp"
 #include "host/cluster/deal.hpp"
 #include "host/cluster/mpi.hpp"
 #include "host/data/image.hpp"
-#include "host/metrics/network.hpp"
-#include "host/run/same_run.hpp"
+#include "host/pipeline/network.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
-#include "tests/support/safetensors.hpp"
 #include "tests/support/whole_sweep.hpp"
+#include "tests/support/write_safetensors.hpp"
 
 namespace ubs {
 namespace {

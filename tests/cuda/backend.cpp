@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/cuda/backend.hpp"
 
-#include "cuda_backend/platform.hpp"
+#include "cuda_backend/cuda_platform.hpp"
 #include "host/device/registry.hpp"
 
 namespace ubs::test {

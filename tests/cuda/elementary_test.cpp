@@ -6,7 +6,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "cuda_backend/kernels.hpp"
+#include "cuda_backend/cuda_kernels.hpp"
 
 #define UBS_VW 1
 #define UBS_N 3

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // In place of cuBLAS: a plain product.
-#include "cuda_backend/gemm.hpp"
+#include "cuda_backend/cuda_gemm.hpp"
 
 namespace ubs::cuda {
 namespace {

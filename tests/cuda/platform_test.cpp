@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which cards the CUDA back end offers, and what it says of those that it does not.
-#include "cuda_backend/platform.hpp"
-
 #include <cuda_runtime.h>
 
 #include <catch2/catch.hpp>
 
+#include "cuda_backend/cuda_platform.hpp"
 #include "host/base/error.hpp"
 #include "tests/support/on_stderr.hpp"
 

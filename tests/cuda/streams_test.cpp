@@ -4,7 +4,7 @@
 #include <catch2/catch.hpp>
 
 #include "cuda_backend/cuda_device.hpp"
-#include "cuda_backend/platform.hpp"
+#include "cuda_backend/cuda_platform.hpp"
 
 namespace ubs {
 namespace {

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <random>
 
-#include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/scene/extent.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"

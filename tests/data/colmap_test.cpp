@@ -4,7 +4,7 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
 

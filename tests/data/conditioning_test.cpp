@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "host/oracle/scenes.hpp"
-#include "host/oracle/splat_formula.hpp"
+#include "host/lab/oracle/scenes.hpp"
+#include "host/lab/oracle/splat_formula.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/variants.hpp"
 

@@ -8,9 +8,9 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
-#include "host/data/dataset.hpp"
 #include "host/data/image.hpp"
 #include "host/data/jpeg.hpp"
+#include "host/data/load_dataset.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -3,7 +3,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"

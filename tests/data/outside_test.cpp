@@ -4,7 +4,7 @@
 #include <filesystem>
 
 #include "host/data/data_root.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
 #include "tests/support/images.hpp"
 

@@ -6,7 +6,7 @@
 
 #include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {

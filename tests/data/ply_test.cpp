@@ -7,7 +7,7 @@
 #include <cstring>
 #include <limits>
 
-#include "host/data/point_cloud.hpp"
+#include "host/data/world_points.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // safetensors files: what is read, and that everything unexpected is an error that names file and tensor.
-#include "host/metrics/safetensors.hpp"
+#include "host/pipeline/safetensors.hpp"
 
 #include <catch2/catch.hpp>
 #include <cstdint>

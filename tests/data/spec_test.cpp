@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Settings from text, YAML and back (host/spec): every field survives, every mistake is named.
+// Settings from text, YAML and back (host/scene): every field survives, every mistake is named.
 #include <catch2/catch.hpp>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "host/spec/settings.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/run_settings.hpp"
 #include "tests/support/temp_folder.hpp"
 

@@ -3,11 +3,11 @@
 // the frame: host/scene/camera.hpp has the limits.
 #include <nlohmann/json.hpp>
 
+#include "host/api/keyframes.hpp"
 #include "host/base/crc32.hpp"
-#include "host/data/dataset.hpp"
+#include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
-#include "host/view/keyframes.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;

@@ -6,8 +6,8 @@
 
 #include "host/data/ply.hpp"
 #include "host/scene/initialise.hpp"
-#include "host/spec/settings.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/variants.hpp"
 

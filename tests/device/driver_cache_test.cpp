@@ -8,7 +8,7 @@
 #include <chrono>
 
 #include "host/base/cache_folder.hpp"
-#include "tests/support/environment.hpp"
+#include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {

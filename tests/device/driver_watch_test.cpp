@@ -13,7 +13,7 @@
 #include <new>
 
 #include "host/base/memory_limit.hpp"
-#include "tests/support/environment.hpp"
+#include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {

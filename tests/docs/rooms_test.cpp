@@ -15,25 +15,18 @@ const std::map<std::string, std::string> kMayInclude{
     {"base", ""},
     {"scene", "base kernels"},
     {"device", "base scene kernels"},
-    {"spec", "base scene device"},
     {"cluster", "base"},
     {"pipeline", "base cluster scene device kernels"},
-    {"metrics", "base device pipeline"},
-    {"train", "base cluster scene device kernels spec pipeline metrics"},
-    {"data", "base scene spec kernels"},
+    {"train", "base cluster scene device kernels pipeline"},
+    {"data", "base scene kernels"},
     {"opencl", "base scene device kernels"},
     {"cuda_backend", "base scene device kernels"},
-    {"oracle", "base scene device metrics"},
-    {"view", "base scene data pipeline"},
-    {"report", "base scene spec data pipeline train view"},
-    {"reduce", "base scene kernels data pipeline train"},
-    {"bench", "base scene spec data device pipeline train"},
-    {"accuracy", "base scene spec device kernels metrics pipeline train bench oracle check"},
-    {"check", "base scene device kernels metrics pipeline"},
-    {"run", "base cluster scene spec data device pipeline metrics train view check"},
-    {"facade", "base scene spec data device pipeline metrics train run include"},
-    {"web", "base scene spec data device pipeline metrics train view report run"},
-    {"serve", "base scene spec data device pipeline train view report run web"},
+    {"check", "base scene device kernels pipeline"},
+    {"api", "base cluster scene data device kernels pipeline train check include"},
+    {"look", "base scene data device pipeline train api"},
+    // The oracle shares nothing with the kernels, and only ubs-lab and the tests link the rest of lab.
+    {"lab/oracle", "base scene device pipeline"},
+    {"lab", "base scene data device kernels pipeline train check lab/oracle"},
 };
 
 std::string room_of(const std::string& path) {
@@ -41,6 +34,7 @@ std::string room_of(const std::string& path) {
   std::string first, second;
   std::getline(parts, first, '/');
   std::getline(parts, second, '/');
+  if (path.starts_with("host/lab/oracle/")) return "lab/oracle";
   return first == "host" ? second : first;
 }
 

@@ -2,11 +2,11 @@
 // The targets for what runs leave behind, camera paths and archives of arrays.
 #include <cstring>
 
+#include "host/api/keyframes.hpp"
 #include "host/base/crc32.hpp"
-#include "host/report/run_record.hpp"
+#include "host/look/report/run_record.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/checkpoint.hpp"
-#include "host/view/keyframes.hpp"
 #include "tests/fuzz/files.hpp"
 
 namespace ubs::fuzz {

@@ -13,12 +13,12 @@
 #include <fstream>
 #include <set>
 
+#include "host/api/contributions.hpp"
 #include "host/base/error.hpp"
-#include "host/bench/bench_scene.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"
 #include "host/opencl/sources.hpp"
-#include "host/reduce/contributions.hpp"
 #include "host/train/trainer.hpp"
 
 namespace {

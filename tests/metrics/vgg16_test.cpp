@@ -8,10 +8,10 @@
 #include "host/check/metric_inputs.hpp"
 #include "host/data/image.hpp"
 #include "host/device/registry.hpp"
-#include "host/metrics/image_metrics.hpp"
+#include "host/pipeline/image_metrics.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/safetensors.hpp"
 #include "tests/support/temp_folder.hpp"
+#include "tests/support/write_safetensors.hpp"
 
 namespace {
 

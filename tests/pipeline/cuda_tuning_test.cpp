@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, what is found is applied,
-// stored and found again.
+// `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, what is found is
+// applied, stored and found again.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
 
-#include "host/bench/step_bench.hpp"
-#include "host/bench/tune_subject.hpp"
+#include "host/lab/bench/step_bench.hpp"
+#include "host/lab/bench/tune_subject.hpp"
 #include "host/train/run_settings.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/cuda_devices.hpp"
-#include "tests/support/environment.hpp"
+#include "tests/support/set_variable.hpp"
 
 namespace ubs {
 namespace {

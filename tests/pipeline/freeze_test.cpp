@@ -5,7 +5,7 @@
 #include <map>
 
 #include "host/base/error.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/scene/frozen_groups.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"

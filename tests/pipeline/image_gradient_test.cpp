@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 
-#include "host/oracle/oracle.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"

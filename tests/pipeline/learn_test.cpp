@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "host/bench/bench_scene.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/frozen_groups.hpp"

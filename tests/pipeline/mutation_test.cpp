@@ -4,13 +4,13 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "host/oracle/oracle.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/support/changed_kernels.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/environment.hpp"
 #include "tests/support/oracle_scene.hpp"
+#include "tests/support/set_variable.hpp"
 #include "tests/support/whole_sweep.hpp"
 
 namespace ubs {

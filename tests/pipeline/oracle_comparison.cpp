@@ -7,7 +7,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/oracle/oracle.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/support/compare.hpp"
@@ -28,8 +28,8 @@ std::vector<double> interleaved(const std::vector<double>& planar, int width, in
 }
 
 // The target with every value at least 1e-4 away from the image. |image - target| has a kink at 0, where
-// rounding decides about the sign of its gradient: one value 3.3e-8 away changed all gradients of the form sh1
-// by 3e-4 on an H200.
+// rounding decides about the sign of its gradient: one value 3.3e-8 away changed all gradients of the form
+// sh1 by 3e-4 on an H200.
 std::vector<double> target_off_the_kink(const oracle::Scene& scene, const oracle::Options& options) {
   constexpr float kLeast = 1e-4f;
   const oracle::Render image = oracle::render(oracle::to_model(scene.model), scene.camera, options);

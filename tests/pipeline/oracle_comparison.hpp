@@ -6,7 +6,7 @@
 #include <string>
 
 #include "host/device/registry.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 
 namespace ubs::test {
 

@@ -5,9 +5,9 @@
 #include <catch2/catch.hpp>
 #include <cstring>
 
-#include "host/bench/bench_scene.hpp"
 #include "host/cluster/share.hpp"
 #include "host/device/operations.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/shared_renderer.hpp"
 #include "tests/support/device_fixture.hpp"

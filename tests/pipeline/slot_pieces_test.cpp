@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/bench/bench_scene.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"

@@ -8,11 +8,11 @@
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
-#include "host/oracle/oracle.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/capture_stages.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "tests/pipeline/oracle_comparison.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"

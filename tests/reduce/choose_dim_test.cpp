@@ -6,9 +6,9 @@
 #include <nlohmann/json.hpp>
 
 #include "host/base/error.hpp"
-#include "host/oracle/scenes.hpp"
-#include "host/spec/settings.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/lab/oracle/scenes.hpp"
+#include "host/scene/settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 using namespace ubs;
 using Catch::Contains;

@@ -2,10 +2,10 @@
 // Groups of splats drawn into one image, and the gradients that come back to each of them.
 #include <catch2/catch.hpp>
 
-#include "host/oracle/oracle.hpp"
+#include "host/api/replacement.hpp"
+#include "host/lab/oracle/oracle.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "host/reduce/replacement.hpp"
 #include "tests/reduce/reduce_scene.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"

@@ -5,7 +5,7 @@
 #include <numeric>
 #include <vector>
 
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/scene/mixed_model.hpp"
 
 namespace ubs::test {

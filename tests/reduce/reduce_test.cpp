@@ -4,8 +4,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "host/api/reducer.hpp"
 #include "host/base/error.hpp"
-#include "host/reduce/reducer.hpp"
 #include "kernels/layout.h"
 #include "tests/reduce/reduce_scene.hpp"
 #include "tests/support/device_fixture.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parameters of a spatial covariance (host/reduce/skew_rotation.hpp).
-#include "host/reduce/skew_rotation.hpp"
+// The parameters of a spatial covariance (host/api/skew_rotation.hpp).
+#include "host/api/skew_rotation.hpp"
 
 #include <algorithm>
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "host/oracle/tape.hpp"
+#include "host/lab/oracle/tape.hpp"
 
 namespace ubs::oracle {
 

@@ -2,7 +2,7 @@
 // The oracle checks itself: its gradient against central differences of its own loss, and its formulas
 // against closed forms, limits and a second evaluation. It uses no production code beyond the parameter
 // layout.
-#include "host/oracle/oracle.hpp"
+#include "host/lab/oracle/oracle.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "host/oracle/scenes.hpp"
-#include "host/oracle/splat_formula.hpp"
+#include "host/lab/oracle/scenes.hpp"
+#include "host/lab/oracle/splat_formula.hpp"
 #include "host/scene/splat_model.hpp"
 
 namespace ubs::oracle {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle's clamps, and what it says about pixels at which rounding decides.
-#include "host/oracle/study.hpp"
+#include "host/lab/oracle/study.hpp"
 
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/oracle/scenes.hpp"
-#include "host/oracle/splat_formula.hpp"
+#include "host/lab/oracle/scenes.hpp"
+#include "host/lab/oracle/splat_formula.hpp"
 
 namespace ubs::oracle {
 namespace {

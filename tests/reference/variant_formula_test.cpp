@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The oracle's variant formulas against what defines them: orthonormal harmonics, orthogonal rotations.
-#include "host/oracle/variant_formula.hpp"
+#include "host/lab/oracle/variant_formula.hpp"
 
 #include <catch2/catch.hpp>
 
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 
 namespace ubs::oracle {
 namespace {

@@ -5,10 +5,10 @@
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
 
-#include "host/report/histogram.hpp"
-#include "host/report/html.hpp"
-#include "host/report/page_picture.hpp"
-#include "host/report/report_page.hpp"
+#include "host/look/report/histogram.hpp"
+#include "host/look/report/html.hpp"
+#include "host/look/report/page_picture.hpp"
+#include "host/look/report/report_page.hpp"
 #include "tests/support/html_check.hpp"
 #include "tests/support/images.hpp"
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a report reads of runs: folders with files missing, cut off or of another version; activated values of
 // models; pictures that a run has saved.
-#include "host/report/run_record.hpp"
+#include "host/look/report/run_record.hpp"
 
 #include <cmath>
 
-#include "host/report/run_drawings.hpp"
-#include "host/report/splat_values.hpp"
+#include "host/look/report/run_drawings.hpp"
+#include "host/look/report/splat_values.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;

@@ -9,7 +9,7 @@
 #include <limits>
 #include <random>
 
-#include "host/oracle/oracle_stages.hpp"
+#include "host/lab/oracle/oracle_stages.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {

@@ -3,8 +3,8 @@
 // for the host: what remains is the difference between two compilers and their elementary functions.
 #include <catch2/catch.hpp>
 
+#include "host/lab/oracle/scenes.hpp"
 #include "host/opencl/opencl_device.hpp"
-#include "host/oracle/scenes.hpp"
 #include "tests/math/shared_math.hpp"
 #include "tests/support/device_fixture.hpp"
 

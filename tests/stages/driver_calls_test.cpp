@@ -9,13 +9,13 @@
 #include <map>
 #include <numeric>
 
-#include "host/bench/bench_scene.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/projection.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/environment.hpp"
+#include "tests/support/set_variable.hpp"
 
 namespace {
 

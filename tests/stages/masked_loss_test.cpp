@@ -9,8 +9,8 @@
 #include <limits>
 #include <random>
 
-#include "host/metrics/image_metrics.hpp"
-#include "host/metrics/masked_metrics.hpp"
+#include "host/pipeline/image_metrics.hpp"
+#include "host/pipeline/masked_metrics.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {

@@ -11,7 +11,7 @@
 
 #include "host/base/error.hpp"
 #include "host/check/copied_splats.hpp"
-#include "host/oracle/learning.hpp"
+#include "host/lab/oracle/learning.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "host/base/error.hpp"
-#include "host/oracle/learning.hpp"
+#include "host/lab/oracle/learning.hpp"
 #include "tests/support/stages_fixture.hpp"
 
 namespace {

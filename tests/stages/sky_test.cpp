@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include "host/oracle/variant_formula.hpp"
+#include "host/lab/oracle/variant_formula.hpp"
 #include "host/scene/camera.hpp"
 #include "kernels/layout.h"
 #include "tests/support/stages_fixture.hpp"

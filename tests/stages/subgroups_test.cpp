@@ -8,8 +8,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/bench/bench_scene.hpp"
-#include "host/device/stage_checks.hpp"
+#include "host/device/operation_checks.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/exchange.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/opencl/platform.hpp"

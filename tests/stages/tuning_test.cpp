@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tuned constants: the table agrees with the sources, a file is written, applied and, when it is not fit,
 // ignored; tuned kernels give the results of the defaults.
-#include "host/opencl/tuning.hpp"
-
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <regex>
 
 #include "host/base/error.hpp"
-#include "host/bench/step_bench.hpp"
-#include "host/bench/tuner.hpp"
 #include "host/device/kernel_sources.hpp"
+#include "host/lab/bench/step_bench.hpp"
+#include "host/lab/bench/tuner.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/opencl/opencl_tuning.hpp"
 #include "tests/support/device_fixture.hpp"
-#include "tests/support/environment.hpp"
+#include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/whole_sweep.hpp"
 

@@ -3,8 +3,8 @@
 // hand: a view and its gradient agree with the device's own width up to rounding.
 #include <catch2/catch.hpp>
 
+#include "host/lab/oracle/scenes.hpp"
 #include "host/opencl/platform.hpp"
-#include "host/oracle/scenes.hpp"
 #include "host/pipeline/view_gradient.hpp"
 #include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"

@@ -6,7 +6,7 @@
 
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs::stress {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's answer to a case against the float64 oracle (host/oracle/study.hpp): what must hold for
+// A device's answer to a case against the float64 oracle (host/lab/oracle/study.hpp): what must hold for
 // every case, how large the errors are, and what they are allowed to be.
 #pragma once
 
@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "host/oracle/study.hpp"
+#include "host/lab/oracle/study.hpp"
 #include "tests/stress/device_runner.hpp"
 
 namespace ubs::stress {

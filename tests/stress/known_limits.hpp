@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "host/oracle/study.hpp"
+#include "host/lab/oracle/study.hpp"
 
 namespace ubs::stress {
 

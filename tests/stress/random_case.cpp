@@ -9,7 +9,7 @@
 #include <cmath>
 #include <limits>
 
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs::stress {

@@ -5,9 +5,9 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "host/oracle/frame.hpp"
-#include "host/oracle/oracle_stages.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/frame.hpp"
+#include "host/lab/oracle/oracle_stages.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "tests/stress/row.hpp"
 
 namespace ubs::stress {

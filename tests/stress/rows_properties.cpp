@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/oracle/frame.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/frame.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "tests/stress/row.hpp"
 
 namespace ubs::stress {

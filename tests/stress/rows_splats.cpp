@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "tests/stress/row.hpp"
 
 namespace ubs::stress {

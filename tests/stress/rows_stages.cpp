@@ -8,8 +8,8 @@
 #include <limits>
 
 #include "host/base/error.hpp"
-#include "host/oracle/oracle_stages.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/oracle_stages.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
 #include "tests/stress/row.hpp"

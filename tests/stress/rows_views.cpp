@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/slot_store.hpp"
 #include "tests/stress/row.hpp"
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene of the oracle (host/oracle/scenes.hpp) as the pipeline takes it.
+// A scene of the oracle (host/lab/oracle/scenes.hpp) as the pipeline takes it.
 #pragma once
 
 #include <vector>
 
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/renderer.hpp"
 
 namespace ubs::test {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "host/base/philox.hpp"
-#include "host/oracle/oracle.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/oracle.hpp"
+#include "host/lab/oracle/scenes.hpp"
 
 namespace ubs::test {
 

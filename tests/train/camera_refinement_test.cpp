@@ -4,11 +4,11 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "host/api/run_cameras.hpp"
 #include "host/base/philox.hpp"
 #include "host/data/colmap.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_model.hpp"
-#include "host/run/run_cameras.hpp"
 #include "host/scene/extent.hpp"
 #include "host/train/camera_refiner.hpp"
 #include "tests/pipeline/training_runs.hpp"

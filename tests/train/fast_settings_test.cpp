@@ -6,8 +6,8 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 
-#include "host/run/training_data.hpp"
-#include "host/spec/settings.hpp"
+#include "host/api/training_data.hpp"
+#include "host/scene/settings.hpp"
 #include "host/train/schedule.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"

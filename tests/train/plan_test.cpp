@@ -5,7 +5,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "host/bench/bench_scene.hpp"
+#include "host/lab/bench/bench_scene.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "tests/pipeline/training_runs.hpp"

@@ -6,7 +6,7 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 #include "host/train/measure_steps.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"

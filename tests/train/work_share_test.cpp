@@ -7,7 +7,7 @@
 #include <catch2/catch.hpp>
 #include <random>
 
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"

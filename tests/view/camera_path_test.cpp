@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Poses, camera paths, and what is guessed of a scene.
-#include "host/view/camera_path.hpp"
+#include "host/api/camera_path.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>
 
 #include "host/data/splat_file.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/view/distance.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the first splats lie when the data bring no points: rigs that look inwards, forwards and outwards,
 // and those that tell nothing.
-#include "host/view/camera_rig.hpp"
+#include "host/api/camera_rig.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>

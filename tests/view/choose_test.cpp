@@ -3,10 +3,10 @@
 // does.
 #include <catch2/catch.hpp>
 
-#include "host/oracle/scenes.hpp"
+#include "host/api/decompose.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/device_groups.hpp"
 #include "host/train/run_settings.hpp"
-#include "host/view/decompose.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/temp_folder.hpp"
 

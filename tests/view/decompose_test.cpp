@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decomposition by quantiles of the betas: which rows it looks at, that ranges partition, what it refuses.
-#include "host/view/decompose.hpp"
+#include "host/api/decompose.hpp"
 
 #include <limits>
 #include <numeric>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files of keyframes: what they say, and what is said about wrong ones.
-#include "host/view/keyframes.hpp"
+#include "host/api/keyframes.hpp"
 
 #include <catch2/catch.hpp>
 #include <numbers>

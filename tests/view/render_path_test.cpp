@@ -5,7 +5,7 @@
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/video.hpp"
-#include "host/oracle/scenes.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
 

@@ -9,8 +9,8 @@
 
 #include "host/data/video.hpp"
 #include "host/data/video_writer.hpp"
-#include "tests/support/environment.hpp"
 #include "tests/support/images.hpp"
+#include "tests/support/set_variable.hpp"
 #include "tests/support/temp_folder.hpp"
 
 using namespace ubs;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The share of the time that pictures of a training take, on a simulated clock.
-#include "host/serve/picture_pause.hpp"
+#include "host/look/serve/picture_pause.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The server alone, with visitors who behave badly: what they cause stays with them.
-#include "host/serve/server.hpp"
+#include "host/look/serve/server.hpp"
 
 #include <netinet/in.h>
 #include <sys/socket.h>

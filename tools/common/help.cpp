@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "host/base/error.hpp"
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 
 namespace ubs::tools {
 namespace {

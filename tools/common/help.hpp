@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/common/program.hpp"
+#include "tools/common/subcommands.hpp"
 
 namespace ubs::tools {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "host/metrics/image_metrics.hpp"
+#include "host/pipeline/image_metrics.hpp"
 
 namespace ubs::tools {
 

@@ -6,9 +6,9 @@
 #include <optional>
 #include <string>
 
-#include "host/run/open_data.hpp"
-#include "host/serve/live.hpp"
-#include "tools/common/model_session.hpp"
+#include "host/api/open_data.hpp"
+#include "host/look/serve/live.hpp"
+#include "tools/common/model_options.hpp"
 
 namespace ubs::tools {
 

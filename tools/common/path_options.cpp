@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "host/api/keyframes.hpp"
 #include "host/base/error.hpp"
-#include "host/view/keyframes.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 

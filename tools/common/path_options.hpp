@@ -7,10 +7,10 @@
 #include <optional>
 #include <string>
 
+#include "host/api/camera_path.hpp"
 #include "host/data/image.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/scene/dataset.hpp"
-#include "host/view/camera_path.hpp"
 
 namespace ubs::tools {
 

@@ -11,6 +11,8 @@
 #include <cstring>
 #include <sstream>
 
+#include "host/api/open_data.hpp"
+#include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
@@ -19,9 +21,7 @@
 #include "host/base/warning.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/run_cameras.hpp"
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 #include "tools/common/output_files.hpp"
 
 namespace ubs::tools {

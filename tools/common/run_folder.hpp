@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "host/scene/splat_model.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
 

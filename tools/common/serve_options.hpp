@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "host/serve/server.hpp"
+#include "host/look/serve/server.hpp"
 
 namespace ubs::tools {
 

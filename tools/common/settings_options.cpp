@@ -8,7 +8,7 @@
 #include <variant>
 
 #include "host/base/error.hpp"
-#include "host/spec/settings.hpp"
+#include "host/scene/settings.hpp"
 #include "tools/common/help.hpp"
 
 namespace ubs::tools {

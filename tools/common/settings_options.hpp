@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "host/spec/train_settings.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs::tools {
 

@@ -5,20 +5,20 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/accuracy/table.hpp"
+#include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/bench/runner.hpp"
 #include "host/data/synthetic.hpp"
-#include "host/run/open_data.hpp"
+#include "host/lab/accuracy/table.hpp"
+#include "host/lab/bench/runner.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
-#include "tools/lab/commands.hpp"
+#include "tools/common/program_version.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 namespace {

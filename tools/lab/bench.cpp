@@ -4,24 +4,24 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
+#include "host/api/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
-#include "host/bench/bench_scene.hpp"
-#include "host/bench/report.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/device/registry.hpp"
-#include "host/run/proved_device.hpp"
-#include "host/spec/settings.hpp"
+#include "host/lab/bench/bench_scene.hpp"
+#include "host/lab/bench/report.hpp"
+#include "host/scene/settings.hpp"
 #include "tools/common/bench_environment.hpp"
 #include "tools/common/interrupt.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 #include "tools/lab/bench_data.hpp"
-#include "tools/lab/commands.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -4,10 +4,10 @@
 
 #include <string>
 
-#include "host/bench/bench_case.hpp"
-#include "host/bench/bench_scene.hpp"
-#include "host/run/open_data.hpp"
-#include "host/spec/train_settings.hpp"
+#include "host/api/open_data.hpp"
+#include "host/lab/bench/bench_case.hpp"
+#include "host/lab/bench/bench_scene.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs::tools {
 

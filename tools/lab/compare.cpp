@@ -7,7 +7,8 @@
 #include <filesystem>
 #include <memory>
 
-#include "host/accuracy/truth.hpp"
+#include "host/api/open_data.hpp"
+#include "host/api/training_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
@@ -15,16 +16,15 @@
 #include "host/base/stopwatch.hpp"
 #include "host/data/ply.hpp"
 #include "host/device/registry.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/training_data.hpp"
+#include "host/lab/accuracy/truth.hpp"
 #include "host/scene/initialise.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/trainer.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/lab/commands.hpp"
 #include "tools/lab/compare_report.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 namespace {

@@ -6,17 +6,17 @@
 #include <cmath>
 #include <memory>
 
+#include "host/api/open_data.hpp"
+#include "host/api/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/ply.hpp"
 #include "host/pipeline/view_gradient.hpp"
-#include "host/run/open_data.hpp"
-#include "host/run/proved_device.hpp"
 #include "host/train/run_settings.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/lab/commands.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 namespace {

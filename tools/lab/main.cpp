@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The executable `ubs-lab`: where this project measures itself, for errors against float64 beside times, for
 // stiff and extreme cases, and for comparing devices and back ends.
-#include "tools/lab/commands.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace {
 

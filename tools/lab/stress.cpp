@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "tests/stress/run_stress.hpp"
-#include "tools/lab/commands.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 

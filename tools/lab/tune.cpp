@@ -4,21 +4,21 @@
 #include <algorithm>
 #include <memory>
 
+#include "host/api/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
-#include "host/bench/bench_case.hpp"
-#include "host/bench/tune_subject.hpp"
 #include "host/device/registry.hpp"
 #include "host/device/tuning.hpp"
-#include "host/run/proved_device.hpp"
+#include "host/lab/bench/bench_case.hpp"
+#include "host/lab/bench/tune_subject.hpp"
 #include "tools/common/bench_environment.hpp"
-#include "tools/common/model_session.hpp"
+#include "tools/common/model_options.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
-#include "tools/common/version.hpp"
+#include "tools/common/program_version.hpp"
 #include "tools/lab/bench_data.hpp"
-#include "tools/lab/commands.hpp"
+#include "tools/lab/lab_commands.hpp"
 
 namespace ubs::tools {
 namespace {

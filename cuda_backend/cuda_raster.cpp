@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_backend/cuda_raster.hpp"
+
+#include "cuda_backend/grid.hpp"
+#include "host/device/operation_checks.hpp"
+#include "kernels/layout.h"
+
+namespace ubs::cuda {
+namespace {
+
+void require(bool holds, std::string_view what) {
+  if (!holds) fail(ErrorKind::internal, "raster: {}", what);
+}
+
+unsigned tiles(const ImageShape& shape) { return static_cast<unsigned>(shape.tiles()); }
+
+constexpr unsigned kTileThreads = kTileSide * kTileSide;  // of a block: one a pixel
+
+}  // namespace
+
+Raster::Raster(CudaDevice& device, const KernelConfig& config)
+    : device_(device), config_(config), kernels_(raster_kernels(device, config)) {}
+
+void Raster::run(const RasterForward& work) {
+  check_raster(work, config_.backward);
+  if (config_.backward) check_list_states(work);
+  require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
+  require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
+  device_.launch("raster_forward", kernels_.forward, tiles(work.shape), kTileThreads, work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
+                 work.background[1], work.background[2], work.image, work.transmittance, work.depth,
+                 work.masks, work.states);
+}
+
+void Raster::run(const RasterBackward& work) {
+  check_backward(config_, "raster backward");
+  check_raster(work, true);
+  check_list_states(work);
+  require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
+  require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
+  device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
+                 kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
+                 work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,
+                 work.v_image, work.masks, work.states, work.slots.pieces[0]);
+}
+
+void Raster::run(const SumSlots& work) {
+  check_backward(config_, "sum of slots");
+  require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
+          "tile_counts or slot_offsets shorter than count");
+  require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
+          "v_records shorter than count");
+  device_.launch("sum_slots", kernels_.sum_slots, blocks(std::uint64_t{work.count} * kGradStride, kSumBlock),
+                 kSumBlock, work.count, work.tile_counts, work.slot_offsets, work.slots.pieces[0], work.masks,
+                 work.v_records);
+}
+
+void Raster::run(const MeasureWeights& work) {
+  check_weights(work);
+  if (!weights_) weights_ = weight_kernels(device_, config_);
+  device_.launch("measure_weights", weights_->measure, tiles(work.shape), kTileThreads, work.records,
+                 work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
+                 work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks, work.weights);
+}
+
+}  // namespace ubs::cuda

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/api/image_comparison.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/device/registry.hpp"
+
+namespace ubs {
+namespace {
+
+// The same bits as the device makes of 8-bit images, so that equal images have an infinite PSNR.
+constexpr float kUnit = 0.00392156862745098f;
+
+// (height, width, 3) to planes with rows of `pitch` and planes of `rows` rows.
+template <typename To, typename From, typename Change>
+std::vector<To> planes(std::span<const From> image, int width, int height, int pitch, int rows,
+                       const Change& change) {
+  std::vector<To> values(3ull * static_cast<std::size_t>(pitch) * static_cast<std::size_t>(rows));
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        values[(static_cast<std::size_t>(c) * static_cast<std::size_t>(rows) + static_cast<std::size_t>(y)) *
+                   static_cast<std::size_t>(pitch) +
+               static_cast<std::size_t>(x)] =
+            change(image[3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                              static_cast<std::size_t>(x)) +
+                         static_cast<std::size_t>(c)]);
+  return values;
+}
+
+float clamped(float value) { return std::clamp(value, 0.0f, 1.0f); }
+
+void check_finite(std::span<const float> image, const char* what) {
+  if (!std::ranges::all_of(image, [](float v) { return std::isfinite(v); }))
+    fail(ErrorKind::numerical, "{} holds values that are not finite", what);
+}
+
+}  // namespace
+
+ImageComparison::ImageComparison(Device& device, const LpipsRequest& request)
+    : device_(device),
+      stages_(make_stages(device, {.dim = 3, .raster = raster_kind("auto", device.info())})),
+      more_(device, request),
+      sums_(device, "metric sums", 8) {}
+
+template <typename T>
+Buffer<T> ImageComparison::upload(const std::vector<T>& values) {
+  Buffer<T> buffer(device_, "image", values.size());
+  buffer.upload(values);
+  return buffer;
+}
+
+ViewMetrics ImageComparison::measure(const std::string& name, const ImageShape& shape,
+                                     std::span<const float> image, BufferView<std::uint8_t> bytes,
+                                     BufferView<float> values, const DeviceImage& truth) {
+  const PlanarSize size{shape.width, shape.height};
+  more_.check_size(size);
+  const auto drawn = upload(std::vector<float>(image.begin(), image.end()));
+  stages_->image_loss({.shape = shape,
+                       .image = drawn.view(),
+                       .target = bytes,
+                       .target_float = values,
+                       .clamp = true,
+                       .v_image = {},
+                       .sums = sums_.view()});
+  ViewMetrics metrics = view_metrics(name, std::span<const float, 8>(sums_.download()));
+  const DeviceImage a{.size = size, .values = drawn.view(), .pitch = shape.pitch(), .rows = shape.rows()};
+  metrics.ssim_valid = more_.valid_ssim(a, truth);
+  metrics.lpips = more_.lpips(a, truth);
+  return metrics;
+}
+
+ViewMetrics ImageComparison::measure(const std::string& name, const Image8& truth, const Image8& image) {
+  const ImageShape shape{image.width, image.height};
+  const auto values =
+      planes<float>(std::span(image.rgb), image.width, image.height, shape.pitch(), shape.rows(),
+                    [](std::uint8_t v) { return static_cast<float>(v) * kUnit; });
+  const auto target =
+      upload(planes<std::uint8_t>(std::span(truth.rgb), truth.width, truth.height, truth.width, truth.height,
+                                  [](std::uint8_t v) { return v; }));
+  return measure(name, shape, values, target.view(), {},
+                 {.size = {truth.width, truth.height}, .bytes = target.view()});
+}
+
+ViewMetrics ImageComparison::measure(const std::string& name, int width, int height,
+                                     std::span<const float> truth, std::span<const float> image) {
+  check_finite(truth, "the reference image");
+  check_finite(image, "the image");
+  const ImageShape shape{width, height};
+  const auto values = planes<float>(image, width, height, shape.pitch(), shape.rows(), clamped);
+  const auto target = upload(planes<float>(truth, width, height, width, height, clamped));
+  // The networks read padded planes.
+  const auto padded = upload(planes<float>(truth, width, height, shape.pitch(), shape.rows(), clamped));
+  return measure(
+      name, shape, values, {}, target.view(),
+      {.size = {width, height}, .values = padded.view(), .pitch = shape.pitch(), .rows = shape.rows()});
+}
+
+}  // namespace ubs

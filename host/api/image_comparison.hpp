@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Image metrics of a pair of images in host memory: PSNR, SSIM and LPIPS.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+
+#include "host/device/stages.hpp"
+#include "host/pipeline/image_metrics.hpp"
+#include "host/scene/dataset.hpp"
+#include "host/train/evaluate.hpp"
+
+namespace ubs {
+
+class ImageComparison {
+ public:
+  ImageComparison(Device& device, const LpipsRequest& request);
+
+  // Of the same size, which the caller has checked.
+  ViewMetrics measure(const std::string& name, const Image8& truth, const Image8& image);
+  // (height, width, 3); both are clamped to [0, 1].
+  ViewMetrics measure(const std::string& name, int width, int height, std::span<const float> truth,
+                      std::span<const float> image);
+
+ private:
+  ViewMetrics measure(const std::string& name, const ImageShape& shape, std::span<const float> image,
+                      BufferView<std::uint8_t> bytes, BufferView<float> values, const DeviceImage& truth);
+  template <typename T>
+  Buffer<T> upload(const std::vector<T>& values);
+
+  Device& device_;
+  std::unique_ptr<Stages> stages_;
+  ImageMetrics more_;
+  Buffer<float> sums_;
+};
+
+}  // namespace ubs

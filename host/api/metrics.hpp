@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+// Measurements as the facade hands them out.
+#pragma once
+
+#include "host/api/handles.hpp"
+#include "host/train/evaluate.hpp"
+
+namespace ubs::facade {
+
+ubs_metrics metrics_to(const ViewMetrics& metrics);
+
+}  // namespace ubs::facade

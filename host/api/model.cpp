@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// Models in host memory.
+#include "host/api/export_model.hpp"
+#include "host/api/handles.hpp"
+#include "host/api/model_session.hpp"
+#include "host/api/training_data.hpp"
+#include "host/base/paths.hpp"
+#include "host/base/warning.hpp"
+#include "host/data/ply.hpp"
+
+namespace ubs::facade {
+namespace {
+
+// Names of parameter groups, which a form has in this order; handed out for ever.
+const char* group_name(const std::string& name) {
+  static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "lobes",   "opacity",
+                                           "beta", "mean", "scale", "l_triangle", "rotation"};
+  for (const char* known : kNames)
+    if (name == known) return known;
+  fail(ErrorKind::internal, "the parameter group '{}' has no name here", name);
+}
+
+void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
+  const SplatFormat* by_name = format_of_extension(path);
+  const SplatFormat& kind =
+      format == "auto" && by_name ? *by_name : splat_format(format == "auto" ? "ubs" : format);
+  if (kind.ours()) return write_mixed_ply(path, loaded.model, loaded.comments);
+  ReduceOptions options{.time = time, .opacity = "mean", .viewpoints = {}};
+  for (const Camera& camera : loaded.notes.cameras) options.viewpoints.push_back(camera.centre());
+  std::vector<std::string> remarks;
+  const ImportedSplats splats = exported_splats(kind, loaded.model, loaded.offset, options, remarks);
+  write_foreign_splats(kind, path, splats);
+  for (const std::string& text : format_remarks(kind, splats)) remarks.push_back(text);
+  for (const std::string& text : remarks) log_line(LogLevel::notice, text);
+}
+
+}  // namespace
+}  // namespace ubs::facade
+
+using namespace ubs;
+using namespace ubs::facade;
+
+ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_model** model) {
+  return made(model, [&] {
+    const TrainSettings& values = given(settings, "settings").values;
+    validate(values);
+    if (values.dim == kAutoInt)
+      fail(ErrorKind::usage, "dim = auto: a model without data needs a number, 3 to 11");
+    constexpr std::uint64_t kMaxSplats = 100'000'000;  // as of cap_max
+    if (splats < 1 || splats > kMaxSplats)
+      fail(ErrorKind::usage, "a model has 1 to {} splats, not {}", kMaxSplats, splats);
+    auto created = std::make_unique<ubs_model>();
+    created->loaded.model = SplatModel(values.dim, splats, values.variant);
+    created->loaded.notes = notes_for(values, {});
+    created->loaded.comments = comments_of(created->loaded.notes);
+    return created;
+  });
+}
+
+ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* settings, ubs_model** model) {
+  return made(model, [&] {
+    TrainSettings values = settings ? settings->values : TrainSettings{};
+    validate(values);
+    const Split& train = train_of(*given(data, "data").set);
+    Dataset rest = without_views(*data->set);
+    settle_training(train, rest, values);
+    auto created = std::make_unique<ubs_model>();
+    created->loaded.model = initial_model(rest, train, values);
+    created->loaded.offset = rest.offset;
+    created->loaded.notes = notes_for(values, train);
+    created->loaded.comments = model_comments(rest, values, train);
+    return created;
+  });
+}
+
+ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy) {
+  return made(copy, [&] { return std::make_unique<ubs_model>(given(model, "model")); });
+}
+
+void ubs_model_free(ubs_model* model) { delete model; }
+
+ubs_status ubs_model_load(const char* path, ubs_model** model) {
+  return made(model, [&] {
+    std::string file = &given(path, "path");
+    if (is_folder(file)) file += "/model.ply";
+    auto loaded = std::make_unique<ubs_model>();
+    loaded->loaded = open_model(file);
+    return loaded;
+  });
+}
+
+ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time) {
+  return guarded(
+      [&] { save(given(model, "model").loaded, &given(path, "path"), format ? format : "ubs", time); });
+}
+
+ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info) {
+  return guarded([&] {
+    const LoadedModel& loaded = given(model, "model").loaded;
+    ubs_model_info values{};
+    values.dim = static_cast<std::uint32_t>(loaded.model.dim());
+    values.groups = static_cast<std::uint32_t>(loaded.model.groups.size());
+    values.splats = loaded.model.count();
+    values.parameters = loaded.model.parameters();
+    std::ranges::copy(loaded.offset, values.offset);
+    put_text(values.form, to_string(loaded.model.variant()));
+    put(info, values, "info");
+  });
+}
+
+ubs_status ubs_model_get_parameter(ubs_model* model, uint32_t group, uint32_t index,
+                                   ubs_parameter* parameter) {
+  return guarded([&] {
+    std::vector<SplatModel>& groups = given(model, "model").loaded.model.groups;
+    if (group >= groups.size())
+      fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
+    SplatModel& splats = groups[group];
+    ubs_parameter values{};
+    values.dim = static_cast<std::uint32_t>(splats.dim);
+    values.splats = splats.count;
+    std::uint32_t at = 0;
+    for (const ParameterGroup& found : parameter_groups(splats.layout())) {
+      if (found.count == 0 || at++ != index) continue;
+      values.name = group_name(found.name);
+      values.rows = static_cast<std::uint32_t>(found.count);
+      values.values = splats.row(found.first).data();
+    }
+    put(parameter, values, "parameter");
+  });
+}
+
+ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings** settings) {
+  return made(settings, [&] {
+    const LoadedModel& loaded = given(model, "model").loaded;
+    auto made_of = std::make_unique<ubs_settings>();
+    made_of->values = noted_settings(loaded.notes, "the model");
+    made_of->values.dim = loaded.model.dim();
+    made_of->values.variant = loaded.model.variant();
+    return made_of;
+  });
+}

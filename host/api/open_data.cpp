@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/api/open_data.hpp"
+
+#include "host/api/run_cameras.hpp"
+#include "host/base/error.hpp"
+#include "host/base/warning.hpp"
+
+namespace ubs {
+
+namespace {
+
+DatasetOptions reading_options(const TrainSettings& settings) {
+  return {.read = settings, .background = settings.background.colour};
+}
+
+}  // namespace
+
+Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
+                     const TrainSettings& settings, Images images) {
+  DatasetOptions options = reading_options(settings);
+  options.load_images = images == Images::load;
+  options.image_splits = image_splits;
+  return load_dataset(folder, options);
+}
+
+OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings) {
+  const DatasetOptions reading = reading_options(settings);
+  return {folder, reading, open_undecoded(folder, reading)};
+}
+
+Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesystem::path& folder,
+                     const std::vector<std::string>& image_splits, const TrainSettings& settings,
+                     Images images) {
+  DatasetOptions options = reading_options(settings);
+  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // is of decoding alone
+  if (!opened || opened->folder != folder || opened->reading != options)
+    return open_dataset(folder, image_splits, settings, images);
+  options = reading_options(settings);
+  options.image_splits = image_splits;
+  Dataset data = opened->data;
+  if (images == Images::load)
+    decode_images(data, options);
+  else
+    for (Split& split : data.splits)
+      for (View& view : split.views) view.source.reset();
+  return data;
+}
+
+Split take_split(Dataset& data, const std::string& split) {
+  std::vector<std::string> names;
+  for (Split& candidate : data.splits) {
+    if (candidate.name == split && !candidate.views.empty()) return std::move(candidate);
+    if (!candidate.views.empty()) names.push_back(candidate.name);
+  }
+  fail(ErrorKind::data, "{}: split '{}' has no views; there are: {}", data.report.folder, split,
+       fmt::join(names, ", "));
+}
+
+void warn_skipped(const LoadReport& report) {
+  for (const auto& s : report.skipped)
+    warn("{} skipped: {} ({}{})", s.count, s.why, fmt::join(s.examples, ", "),
+         s.count > s.examples.size() ? ", ..." : "");
+}
+
+Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
+                     const std::string& split, const TrainSettings& settings, Images images,
+                     const std::optional<OpenedData>& opened) {
+  Dataset data = open_dataset(opened, folder, {split}, settings, images);
+  warn_skipped(data.report);
+  Split taken = take_split(data, split);
+  if (data.offset != offset) rebase(taken.views, data.offset, offset);
+  if (!settings.run_cameras.empty()) use_run_cameras(settings.run_cameras, taken, offset);
+  return taken;
+}
+
+// N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
+void check_query(const Split& split, int dim) {
+  const int query = dim - 3 - (dim >= 6 ? 3 : 0);
+  const std::size_t needed = query > 1 ? static_cast<std::size_t>(query - 1) : 0;
+  for (const View& view : split.views)
+    if (view.camera.extra.size() < needed)
+      fail(ErrorKind::data,
+           "view '{}' of split '{}' has {} further query values; N = {} needs {} ('query' of a frame)",
+           view.name, split.name, view.camera.extra.size(), dim, needed);
+}
+
+void require_images(const Split& split) {
+  for (const View& view : split.views)
+    if (!view.has_image())
+      fail(ErrorKind::data, "view '{}' of split '{}' has no image file", view.name, split.name);
+}
+
+}  // namespace ubs

@@ -1,0 +1,322 @@
+// SPDX-License-Identifier: Apache-2.0
+// A model on a device: pictures, and gradients of what is drawn.
+#include <cmath>
+#include <optional>
+#include <span>
+
+#include "host/api/handles.hpp"
+#include "host/api/model_session.hpp"
+#include "host/api/proved_device.hpp"
+#include "host/pipeline/image_gradient.hpp"
+#include "host/pipeline/view_gradient.hpp"
+
+struct ubs_renderer {
+  std::shared_ptr<ubs::facade::OpenDevice> open;
+  ubs::LoadedModel
+      shape;  // dimensions, form, splats and offset of the model it was made with, without values
+  unsigned flags = 0;
+  std::optional<ubs::ModelSession> session;
+  std::vector<std::byte> staging;              // of pictures on their way to the caller
+  std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
+  std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
+  ubs::ImageShape v_rgb_shape;                 // of UBS_ARRAY_V_RGB as it was handed out last
+  bool painted_over = false;                   // the picture, by the gradient of alpha or depth
+};
+
+namespace ubs::facade {
+namespace {
+
+constexpr std::int64_t kMaxArraySide = 1 << 20;  // [px]
+
+std::size_t pixels_of(const Camera& camera) {
+  return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+}
+
+// Same number, dimensions and form of the groups.
+void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count, const char* what) {
+  bool same = a.groups.size() == b.groups.size();
+  for (std::size_t g = 0; same && g < a.groups.size(); ++g)
+    same = a.groups[g].dim == b.groups[g].dim && a.groups[g].variant == b.groups[g].variant &&
+           (same_count ? a.groups[g].count == b.groups[g].count : a.groups[g].count >= b.groups[g].count);
+  if (!same)
+    fail(ErrorKind::usage, "{} ({}, form {}) does not fit the renderer's ({}, form {})", what, to_string(b),
+         to_string(b.variant()), to_string(a), to_string(a.variant()));
+}
+
+void check_finite(std::span<const float> values, const char* what) {
+  for (const float value : values)
+    if (!std::isfinite(value)) fail(ErrorKind::usage, "{} holds values that are not finite", what);
+}
+
+// As the renderer has them now.
+MixedModel groups_of(const ubs_renderer& renderer) {
+  MixedModel shape = renderer.shape.model;
+  const std::vector<DeviceModel>& groups = renderer.session->model().groups();
+  for (std::size_t g = 0; g < groups.size(); ++g) shape.groups[g].count = groups[g].count();
+  return shape;
+}
+
+// Into the model of the caller, who may hold pointers to its values; all of it or nothing.
+void download(const ubs_renderer& renderer, MixedModel& to) {
+  MixedModel values{std::vector<SplatModel>{}};
+  const std::vector<DeviceModel>& groups = renderer.session->model().groups();
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    values.groups.push_back(
+        download_rows((*renderer.gradients)[g], groups[g].layout(), groups[g].count(), groups[g].stride()));
+    for (const float value : values.groups.back().values)
+      if (!std::isfinite(value)) fail(ErrorKind::numerical, "a gradient of the parameters is not finite");
+  }
+  for (std::size_t g = 0; g < groups.size(); ++g)
+    std::ranges::copy(values.groups[g].values, to.groups[g].values.begin());
+}
+
+std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
+  if (!renderer.gradients)
+    renderer.gradients.emplace(renderer.session->device(), renderer.session->model(), "parameter gradients");
+  return renderer.gradients->view();
+}
+
+// An array of (planes, rows, pitch) as (height, width, planes), or (height, width).
+void put_picture(ubs_array& array, const ImageShape& shape, bool planes) {
+  const std::int64_t pitch = shape.pitch(), plane = static_cast<std::int64_t>(shape.plane());
+  array.dims = planes ? 3 : 2;
+  const std::int64_t sizes[] = {shape.height, shape.width, 3}, steps[] = {pitch, 1, plane};
+  std::copy_n(sizes, array.dims, array.shape);
+  std::copy_n(steps, array.dims, array.strides);
+}
+
+bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
+  const Memory* memory = renderer.session->renderer().v_image().memory;
+  return rgb && memory && memory->address().pointer == rgb;
+}
+
+void need_gradients(const ubs_renderer& renderer) {
+  if (!(renderer.flags & UBS_RENDER_GRADIENTS))
+    fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_GRADIENTS");
+}
+
+}  // namespace
+}  // namespace ubs::facade
+
+using namespace ubs;
+using namespace ubs::facade;
+
+ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const ubs_settings* settings,
+                               unsigned flags, ubs_renderer** renderer) {
+  return made(renderer, [&] {
+    const LoadedModel& loaded = given(model, "model").loaded;
+    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS))
+      fail(ErrorKind::usage, "flags = {:#x}: this library knows depth and gradients", flags);
+    const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
+    validate(values);
+    auto created = std::make_unique<ubs_renderer>();
+    created->open = given(device, "device").open;
+    const std::lock_guard lock(created->open->mutex);
+    const bool backward = flags & UBS_RENDER_GRADIENTS;
+    prove_device(created->open->device->info(), created->open->index,
+                 drawing_use(loaded.model, values, backward));
+    created->flags = flags;
+    created->shape.offset = loaded.offset;
+    created->shape.model = MixedModel(std::vector<SplatModel>{});
+    for (const SplatModel& group : loaded.model.groups) {
+      SplatModel& empty = created->shape.model.groups.emplace_back();
+      empty.dim = group.dim, empty.variant = group.variant, empty.count = group.count;
+    }
+    created->session.emplace(created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0,
+                             backward);
+    return created;
+  });
+}
+
+void ubs_renderer_free(ubs_renderer* renderer) {
+  if (!renderer) return;
+  const std::shared_ptr<OpenDevice> open = renderer->open;  // its lock outlives the renderer
+  const std::lock_guard lock(open->mutex);
+  delete renderer;
+}
+
+ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const LoadedModel& loaded = given(model, "model").loaded;
+    const std::lock_guard lock(r.open->mutex);
+    check_same_groups(r.shape.model, loaded.model, false, "the new model");
+    r.differentiated.reset();
+    r.session->choose(loaded.model);
+    r.shape.offset = loaded.offset;
+  });
+}
+
+ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, const ubs_image* image) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_image out = taken(image, "image");
+    const Camera view = camera_for(r.shape, camera);
+    if (out.depth && !(r.flags & UBS_RENDER_DEPTH))
+      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    r.differentiated.reset();
+    session.renderer().set_cameras({view});
+    session.renderer().forward(session.model().view(), 0, session.settings(), false);
+    r.painted_over = false;
+    const auto room = [&](float* to, std::size_t channels) {
+      return std::span<float>(to, to ? channels * pixels_of(view) : 0);
+    };
+    session.renderer().download({room(out.rgb, 3), room(out.alpha, 1), room(out.depth, 1)}, r.staging);
+  });
+}
+
+ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
+                            const ubs_image_gradient* v_image, ubs_model* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    const ubs_image_gradient v = taken(v_image, "v_image");
+    const Camera view = camera_for(r.shape, camera);
+    const bool on_device = is_v_rgb(r, v.rgb);
+    const std::span<const float> rgb(v.rgb, v.rgb && !on_device ? 3 * pixels_of(view) : 0);
+    const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
+    const std::span<const float> depth(v.depth, v.depth ? pixels_of(view) : 0);
+    need_gradients(r);
+    if (v.depth && !(r.flags & UBS_RENDER_DEPTH))
+      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+    if (on_device && (v.alpha || r.v_rgb_shape.width != view.width || r.v_rgb_shape.height != view.height))
+      fail(ErrorKind::usage, "UBS_ARRAY_V_RGB is for views of {}x{} pixels without a gradient of alpha",
+           r.v_rgb_shape.width, r.v_rgb_shape.height);
+    check_finite(rgb, "v_image.rgb");
+    check_finite(alpha, "v_image.alpha");
+    check_finite(depth, "v_image.depth");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
+    r.differentiated.reset();
+    session.renderer().set_cameras({view});
+    session.renderer().forward(session.model().view(), 0, session.settings(), true);
+    r.painted_over = v.alpha || v.depth;
+    backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
+    if (gradient) download(r, gradient->loaded.model);
+    r.differentiated = camera_from(*camera);
+  });
+}
+
+ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, const float* target,
+                             const uint8_t* mask, float lambda_dssim, ubs_loss* loss, ubs_model* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_loss out = taken(loss, "loss");
+    const Camera view = camera_for(r.shape, camera);
+    const std::span<const float> image(&given(target, "target"), 3 * pixels_of(view));
+    const std::span<const std::uint8_t> counts(mask, mask ? pixels_of(view) : 0);
+    if (!(lambda_dssim >= 0 && lambda_dssim <= 1))
+      fail(ErrorKind::usage, "lambda_dssim = {} must be 0 to 1", lambda_dssim);
+    if (mask && std::ranges::all_of(counts, [](std::uint8_t m) { return m == 0; }))
+      fail(ErrorKind::usage, "the mask leaves no pixel to compare");
+    if (gradient) need_gradients(r);
+    check_finite(image, "target");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
+    const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
+    r.differentiated.reset();
+    const ViewLoss values =
+        view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,
+                  view, planar(image), session.settings(), lambda_dssim, counts);
+    r.painted_over = false;
+    if (!std::isfinite(values.loss)) fail(ErrorKind::numerical, "the loss is not finite");
+    if (gradient) download(r, gradient->loaded.model);
+    if (gradient) r.differentiated = camera_from(*camera);
+    out.loss = values.loss;
+    out.l1 = values.l1;
+    out.ssim = values.ssim;
+    put(loss, out, "loss");
+  });
+}
+
+ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_camera_gradient out = taken(gradient, "gradient");
+    const std::lock_guard lock(r.open->mutex);
+    if (!r.differentiated)
+      fail(ErrorKind::usage,
+           "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+    const CameraGradient found = r.session->renderer().camera_gradient();
+    std::ranges::copy(found.turn, out.pose);
+    std::ranges::copy(found.shift, out.pose + 3);
+    std::ranges::copy(matrix_gradient(found, *r.differentiated), out.world_to_camera);
+    out.fx = found.fx, out.fy = found.fy, out.cx = found.cx, out.cy = found.cy, out.time = found.time;
+    std::ranges::copy(found.extra, out.extra);
+    for (const double v : out.pose)
+      if (!std::isfinite(v)) fail(ErrorKind::numerical, "a gradient of the camera is not finite");
+    put(gradient, out, "gradient");
+  });
+}
+
+ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, uint32_t group,
+                                  ubs_array* array) {
+  return guarded([&] {
+    ubs_renderer& r = given(renderer, "renderer");
+    ubs_array out = taken(array, "array");
+    const std::lock_guard lock(r.open->mutex);
+    ModelSession& session = *r.session;
+    const std::vector<DeviceModel>& groups = session.model().groups();
+    if (group >= groups.size())
+      fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
+    const DeviceModel& splats = groups[group];
+    if (name == UBS_ARRAY_RGB && r.painted_over)
+      fail(ErrorKind::usage, "the gradient of alpha or depth has painted over the picture: draw it again");
+    if (!splats.view().params.memory->address().pointer)
+      fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA and PoCL on CPUs do",
+           session.device().info().name);
+    BufferView<float> found;
+    switch (name) {
+      case UBS_ARRAY_PARAMETERS:
+        r.differentiated.reset();
+        found = splats.view().params;
+        break;
+      case UBS_ARRAY_RGB:
+        found = session.renderer().image();
+        break;
+      case UBS_ARRAY_TRANSMITTANCE:
+        found = session.renderer().transmittance();
+        break;
+      case UBS_ARRAY_DEPTH:
+        found = session.renderer().depth();
+        break;
+      case UBS_ARRAY_V_RGB:
+        need_gradients(r);
+        for (const std::int64_t side : {out.shape[0], out.shape[1]})
+          if (side < 1 || side > kMaxArraySide) fail(ErrorKind::usage, "array.shape: {} pixels", side);
+        r.v_rgb_shape = {static_cast<int>(out.shape[1]), static_cast<int>(out.shape[0])};
+        found = session.renderer().v_image(r.v_rgb_shape);
+        break;
+      case UBS_ARRAY_GRADIENT:
+        if (!r.differentiated)
+          fail(ErrorKind::usage,
+               "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+        session.renderer().backward_from_records(gradient_buffers(r), false);
+        found = gradient_buffers(r)[group];
+        break;
+      default:
+        fail(ErrorKind::usage, "there is no array {}", static_cast<int>(name));
+    }
+    if (!found.memory)
+      fail(ErrorKind::usage,
+           "the renderer has no such array: it has drawn nothing, or was made without depth");
+    session.device().finish();
+    const DeviceAddress address = found.memory->address();
+    out.values = static_cast<float*>(address.pointer);
+    out.type = address.on_card ? 2 : 1;
+    out.ordinal = address.ordinal;
+    if (name == UBS_ARRAY_PARAMETERS || name == UBS_ARRAY_GRADIENT) {
+      out.dims = 2;
+      out.shape[0] = splats.rows(), out.shape[1] = splats.count();
+      out.strides[0] = splats.stride(), out.strides[1] = 1;
+    } else {
+      put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),
+                  name == UBS_ARRAY_RGB || name == UBS_ARRAY_V_RGB);
+    }
+    put(array, out, "array");
+  });
+}

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Settings by name.
+#include "host/scene/settings.hpp"
+
+#include "host/api/handles.hpp"
+
+using namespace ubs;
+using namespace ubs::facade;
+
+ubs_status ubs_settings_create(ubs_settings** settings) {
+  return made(settings, [] { return std::make_unique<ubs_settings>(); });
+}
+
+ubs_status ubs_settings_copy(const ubs_settings* settings, ubs_settings** copy) {
+  return made(copy, [&] { return std::make_unique<ubs_settings>(given(settings, "settings")); });
+}
+
+void ubs_settings_free(ubs_settings* settings) { delete settings; }
+
+ubs_status ubs_settings_load(ubs_settings* settings, const char* path) {
+  return guarded([&] {
+    TrainSettings changed = given(settings, "settings").values;
+    for (std::string& key : load_yaml(bind_fields(changed, train_fields()), &given(path, "path")))
+      changed.chosen.insert(std::move(key));
+    settings->values = std::move(changed);
+  });
+}
+
+ubs_status ubs_settings_set(ubs_settings* settings, const char* key, const char* value) {
+  return guarded([&] {
+    TrainSettings& values = given(settings, "settings").values;
+    set_field(bind_fields(values, train_fields()), &given(key, "key"), &given(value, "value"), "settings");
+    values.chosen.insert(key);
+  });
+}
+
+ubs_status ubs_settings_get(const ubs_settings* settings, const char* key, char* value, size_t capacity,
+                            size_t* length) {
+  return guarded([&] {
+    TrainSettings values = given(settings, "settings").values;
+    const std::string wanted = &given(key, "key");
+    for (const FieldValue& field : bind_fields(values, train_fields())) {
+      if (wanted != field.key) continue;
+      const std::string text = field_text(field);
+      if (value && capacity > 0) {
+        const std::size_t size = std::min(text.size(), capacity - 1);
+        std::memcpy(value, text.data(), size);
+        value[size] = 0;
+      }
+      if (length) *length = text.size();
+      return;
+    }
+    fail(ErrorKind::usage, "settings: there is no '{}'", wanted);
+  });
+}
+
+ubs_status ubs_settings_describe(size_t index, const char** key, const char** help) {
+  return guarded([&] {
+    const bool there = index < train_fields().size();
+    if (key) *key = there ? train_fields()[index].key : nullptr;
+    if (help) *help = there ? train_fields()[index].help : nullptr;
+  });
+}

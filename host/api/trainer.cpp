@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training.
+#include "host/train/trainer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "host/api/metrics.hpp"
+#include "host/api/proved_device.hpp"
+#include "host/api/same_run.hpp"
+#include "host/api/training_data.hpp"
+#include "host/scene/settings.hpp"
+#include "host/train/kernel_warm_up.hpp"
+
+struct ubs_trainer {
+  std::shared_ptr<ubs::facade::OpenDevice> open;
+  std::shared_ptr<ubs::Dataset> set;
+  ubs::TrainSettings settings;
+  ubs::Split test;           // where it is not the data's own
+  ubs::LoadedModel about;    // offset of its models
+  ubs::Checkpoint identity;  // without state
+  std::optional<ubs::Trainer> trainer;
+  bool running = false;
+};
+
+namespace ubs::facade {
+namespace {
+
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+// The test views with an image: the data's split, or a copy in `own` where some have none.
+const Split& test_views(const Dataset& set, const TrainSettings& settings, Split& own) {
+  const Split* split = set.find("test");
+  own.name = "test";
+  if (!split) return own;
+  check_query(*split, settings.dim);
+  const auto has_image = [](const View& view) { return view.has_image(); };
+  if (std::ranges::all_of(split->views, has_image)) return *split;
+  std::ranges::copy_if(split->views, std::back_inserter(own.views), has_image);
+  return own;
+}
+
+// The data have been read: what would read them otherwise comes too late.
+void check_as_opened(TrainSettings settings, const ubs_data& data) {
+  TrainSettings opened = data.settings;
+  const bool composited = std::ranges::any_of(data.set->splits, [](const Split& split) {
+    return std::ranges::any_of(split.views, [](const View& v) { return v.has_image() && !v.opaque; });
+  });
+  const bool other_background = composited && settings.background.learnt == Background::Learnt::no &&
+                                settings.background.colour != opened.background.colour;
+  const auto then = bind_fields(opened, train_fields()), now = bind_fields(settings, train_fields());
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    const std::string_view key = now[i].key;
+    const bool reads = (now[i].uses & kOfReading) && !(now[i].uses & kFreeOnResume);
+    const bool counts = key == "background" ? other_background : reads && settings.chosen.contains(key);
+    const std::string wanted = field_text(now[i]), has = field_text(then[i]);
+    if (counts && wanted != has)
+      fail(ErrorKind::usage,
+           "{} = {}: the data have been opened with {}, and are read with that: choose it there", key, wanted,
+           has);
+  }
+}
+
+SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Split& train,
+                       const TrainSettings& settings) {
+  if (!given_one) return initial_model(rest, train, settings);
+  const LoadedModel& loaded = given_one->loaded;
+  const SplatModel& model = loaded.model.single("training");
+  if (loaded.offset != rest.offset)
+    fail(ErrorKind::usage, "the initial model has another offset from the world than the data");
+  for (const float value : model.values)
+    if (!std::isfinite(value)) fail(ErrorKind::usage, "the initial model holds values that are not finite");
+  check_initial(settings, model);  // before kernels are tried with the model
+  return model;
+}
+
+ubs_step step_of(const ubs_trainer& t) {
+  ubs_step step{};
+  step.size = sizeof step;
+  step.iteration = static_cast<std::uint32_t>(t.trainer->iteration());
+  step.iterations = static_cast<std::uint32_t>(t.settings.iterations);
+  step.seconds = t.trainer->seconds();
+  step.splats = t.trainer->splats();
+  step.loss = step.test_psnr = step.test_ssim = kNone;
+  return step;
+}
+
+ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
+  ubs_step step = step_of(t);
+  step.iteration = static_cast<std::uint32_t>(report.iteration);
+  step.seconds = report.seconds;
+  step.splats = report.splats;
+  step.loss = report.loss.value_or(kNone);
+  if (report.test) {
+    step.test_psnr = report.test->mean.psnr_channel_mean;
+    step.test_ssim = report.test->mean.ssim;
+  }
+  return step;
+}
+
+// The step function of a run may look at the trainer, not change it.
+void not_while_running(const ubs_trainer& t) {
+  if (t.running) fail(ErrorKind::usage, "the trainer runs: its step function may read it only");
+}
+
+struct Running {
+  explicit Running(bool& flag) : flag_(flag) { flag_ = true; }
+  ~Running() { flag_ = false; }
+  Running(const Running&) = delete;
+  Running& operator=(const Running&) = delete;
+  bool& flag_;
+};
+
+}  // namespace
+}  // namespace ubs::facade
+
+using namespace ubs;
+using namespace ubs::facade;
+
+ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ubs_settings* settings,
+                              const ubs_model* initial, ubs_trainer** trainer) {
+  return made(trainer, [&] {
+    auto created = std::make_unique<ubs_trainer>();
+    ubs_trainer& t = *created;
+    if (settings) t.settings = settings->values;
+    validate(t.settings);
+    t.open = given(device, "device").open;
+    t.set = given(data, "data").set;
+    check_as_opened(t.settings, *data);
+    const Split& train = train_of(*t.set);
+    Dataset rest = without_views(*t.set);
+    settle_training(train, rest, t.settings, initial == nullptr);
+    const Split& test = test_views(*t.set, t.settings, t.test);
+    t.about.offset = rest.offset;
+    const SplatModel first = first_model(initial, rest, train, t.settings);
+    const std::lock_guard lock(t.open->mutex);
+    Device& opened = *t.open->device;
+    prove_device(opened.info(), t.open->index, training_use(t.settings));
+    t.identity = identity(t.settings, t.set->report.folder, fingerprint(train), opened);
+    build_kernels(opened, t.settings, train, test, first);
+    t.trainer.emplace(opened, t.settings, train, test, first);
+    return created;
+  });
+}
+
+void ubs_trainer_free(ubs_trainer* trainer) {
+  if (!trainer) return;
+  const std::shared_ptr<OpenDevice> open = trainer->open;
+  const std::lock_guard lock(open->mutex);
+  delete trainer;
+}
+
+ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_step_function function, void* user) {
+  return guarded([&] {
+    ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    not_while_running(t);
+    const Running running(t.running);
+    const std::int64_t last =
+        steps == 0 ? t.settings.iterations : std::int64_t{t.trainer->iteration()} + steps;
+    t.trainer->run([&](const StepReport& report) {
+      const ubs_step step = step_of(t, report);
+      const bool go_on = !function || function(user, &step) != 0;
+      return go_on && report.iteration < last;
+    });
+  });
+}
+
+ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step) {
+  return guarded([&] {
+    const ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    put(step, step_of(t), "step");
+  });
+}
+
+ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) {
+  return made(model, [&] {
+    const ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    auto made_of = std::make_unique<ubs_model>(ubs_model{t.about});
+    const TrainSettings drawn = t.trainer->drawn_settings();
+    Dataset place;
+    place.offset = t.about.offset;
+    made_of->loaded.notes = notes_for(drawn, train_of(*t.set));
+    made_of->loaded.comments = model_comments(place, drawn, train_of(*t.set));
+    made_of->loaded.model = t.trainer->model();
+    return made_of;
+  });
+}
+
+ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics) {
+  return guarded([&] {
+    ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    not_while_running(t);
+    const Metrics measured = t.trainer->evaluate_test();
+    if (measured.views.empty()) fail(ErrorKind::data, "the data set has no test views with images");
+    put(metrics, metrics_to(measured.mean), "metrics");
+  });
+}
+
+ubs_status ubs_trainer_save(const ubs_trainer* trainer, const char* path) {
+  return guarded([&] {
+    const ubs_trainer& t = given(trainer, "trainer");
+    const std::lock_guard lock(t.open->mutex);
+    if (!t.trainer->state_is_whole())
+      fail(ErrorKind::usage,
+           "an error has left the trainer between two iterations: there is no state to keep");
+    Checkpoint checkpoint = t.identity;
+    checkpoint.state = t.trainer->state();
+    write_checkpoint(&given(path, "path"), checkpoint);
+  });
+}
+
+ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path) {
+  return guarded([&] {
+    ubs_trainer& t = given(trainer, "trainer");
+    const Checkpoint checkpoint = read_checkpoint(&given(path, "path"));
+    check_same_settings(checkpoint.settings, t.settings);
+    check_same_run(checkpoint, t.identity, false);
+    const std::lock_guard lock(t.open->mutex);
+    not_while_running(t);
+    const int room = t.trainer->drawn_settings().cap_max;
+    if (checkpoint.state.model.count > static_cast<std::size_t>(room))
+      fail(ErrorKind::usage,
+           "{}: {} splats, and the trainer has room for {}, the larger of cap_max and the splats of "
+           "`initial`: give it the initial model that the run began with",
+           path, checkpoint.state.model.count, room);
+    t.trainer->restore(checkpoint.state);
+  });
+}

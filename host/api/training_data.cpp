@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/api/training_data.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+
+#include "host/api/camera_rig.hpp"
+#include "host/base/error.hpp"
+#include "host/base/warning.hpp"
+#include "host/data/align_cameras.hpp"
+#include "host/data/foreign_formats.hpp"
+#include "host/data/triangulate.hpp"
+#include "host/scene/choose_dim.hpp"
+#include "host/scene/extent.hpp"
+#include "host/scene/frustum_points.hpp"
+#include "host/scene/initialise.hpp"
+#include "host/scene/settings.hpp"
+#include "host/train/run_settings.hpp"
+
+namespace ubs {
+namespace {
+
+// Every n-th: where the points are dense they stay dense.
+PointCloud thinned(PointCloud points, std::size_t most) {
+  const std::size_t all = points.positions.size();
+  if (all <= most) return points;
+  for (std::size_t i = 0; i < most; ++i) {
+    points.positions[i] = points.positions[i * all / most];
+    points.colours[i] = points.colours[i * all / most];
+  }
+  points.positions.resize(most);
+  points.colours.resize(most);
+  return points;
+}
+
+// Takes away what lies before a camera's nose, where it would fill the picture: what one camera sees behind
+// the scene is near to the one on the other side. Unless that is nearly everything.
+void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
+  PointCloud kept;
+  for (std::size_t i = 0; i < cloud.positions.size(); ++i) {
+    const auto& p = cloud.positions[i];
+    const bool close = std::ranges::any_of(views, [&](const View& view) {
+      const auto c = view.camera.centre();
+      return std::hypot(p[0] - c[0], p[1] - c[1], p[2] - c[2]) < room;
+    });
+    if (close) continue;
+    kept.positions.push_back(p);
+    kept.colours.push_back(cloud.colours[i]);
+  }
+  if (4 * kept.positions.size() > cloud.positions.size()) cloud = std::move(kept);
+}
+
+double median_pixels(const Split& train) {
+  std::vector<double> pixels;
+  for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
+  std::ranges::sort(pixels);
+  return pixels[pixels.size() / 2];
+}
+
+void note_cap(Dataset& data, const TrainSettings& settings) {
+  const auto cap = static_cast<std::size_t>(settings.cap_max);
+  if (data.points && data.points->positions.size() > cap) {
+    data.report.notes.push_back(fmt::format("{} of {} points taken, evenly spaced: cap_max is {}", cap,
+                                            data.points->positions.size(), cap));
+  } else if (!data.points && settings.init_points > settings.cap_max) {
+    data.report.note(
+        fmt::format("{} initial splats instead of {}: cap_max is {}", cap, settings.init_points, cap));
+  }
+}
+
+struct Look {
+  bool lone_object = false;  // the outermost pixels are of one colour almost everywhere, as of a rendering
+  std::array<double, 3> mean_colour{};  // 0 to 1; two digits
+};
+
+// At a few of the training pictures; pixels that masks leave out do not count.
+Look look_at(const Split& train) {
+  constexpr std::size_t kPictures = 8;
+  constexpr double kPlain = 0.9;
+  constexpr int kSame = 2;  // of 255
+  std::array<std::uint8_t, 3> first{};
+  std::array<double, 3> sum{};
+  std::size_t same = 0, outermost = 0, all = 0;
+  const std::size_t step = std::max<std::size_t>(1, train.views.size() / kPictures);
+  for (std::size_t v = 0; v < train.views.size(); v += step) {
+    const Image8 image = train.views[v].load_image();
+    for (int y = 0; y < image.height; ++y)
+      for (int x = 0; x < image.width; ++x) {
+        const std::ptrdiff_t at = y * image.width + x;
+        if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;
+        const auto pixel = image.rgb.begin() + 3 * at;
+        ++all;
+        for (std::ptrdiff_t c = 0; c < 3; ++c) sum[static_cast<std::size_t>(c)] += pixel[c];
+        if (x > 0 && x < image.width - 1 && y > 0 && y < image.height - 1) continue;
+        if (outermost++ == 0) std::copy_n(pixel, 3, first.begin());
+        same += std::equal(first.begin(), first.end(), pixel,
+                           [](int a, int b) { return std::abs(a - b) <= kSame; });
+      }
+  }
+  Look look;
+  look.lone_object = outermost > 0 && static_cast<double>(same) >= kPlain * static_cast<double>(outermost);
+  if (all > 0)
+    for (std::size_t c = 0; c < 3; ++c)
+      look.mean_colour[c] = std::round(100 * sum[c] / (255.0 * static_cast<double>(all))) / 100;
+  return look;
+}
+
+InitialSpace space_for(const Split& train) {
+  return initial_space(cameras_of(train), look_at(train).lone_object);
+}
+
+// Unless the first splats are stated: points that the pictures of a still scene show, beside those of the
+// data (docs/results/2026-11-22-placed-points.md).
+void place_points(Dataset& data, const Split& train, const TrainSettings& settings) {
+  constexpr std::size_t kMinCorners = 500;
+  constexpr double kPixelsAPoint = 4, kMaxPlaced = 75'000;
+  if (settings.init_extent != kAuto || settings.init_points != kAutoInt) return;
+  const auto between = static_cast<std::size_t>(std::min(kMaxPlaced, median_pixels(train) / kPixelsAPoint));
+  const Triangulation found = triangulate(train.views, between, settings.seed);
+  if (found.corners < kMinCorners) return;
+  if (!data.points) data.points.emplace();
+  std::ranges::copy(found.points.positions, std::back_inserter(data.points->positions));
+  std::ranges::copy(found.points.colours, std::back_inserter(data.points->colours));
+  data.report.notes.push_back(
+      fmt::format("points placed by comparing pictures: {} corners, {} pixels between (--init-points: none)",
+                  found.corners, found.points.positions.size() - found.corners));
+}
+
+bool still(const Split& train) {
+  return std::ranges::all_of(train.views,
+                             [&](const View& v) { return v.camera.time == train.views[0].camera.time; });
+}
+
+// Cameras that are to be refined begin where the corners of the pictures put them.
+void align(Dataset& data, Split& train) {
+  require_images(train);
+  const Alignment found = align_cameras(train.views);
+  if (train.views.size() > kMaxAlignedViews)
+    data.report.note(fmt::format("{} cameras begin as given: at most {} are aligned by corners",
+                                 train.views.size(), kMaxAlignedViews));
+  if (found.aligned == 0) return;
+  for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
+  data.report.notes.push_back(
+      fmt::format("{} of {} cameras moved to where {} points of their pictures are: {:.2f} pixels from their "
+                  "corners, {:.2f} before",
+                  found.aligned, train.views.size(), found.points, found.after, found.before));
+}
+
+// Said once, before training; also for the choices of others.
+void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
+  std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
+                      : settings.init_extent != kAuto
+                          ? fmt::format("within {} of the origin along each axis", settings.init_extent)
+                          : space_for(train).text;
+  data.report.notes.push_back(
+      fmt::format("no points: splats begin at random places {} (--init-points, --init-extent)", where));
+}
+
+}  // namespace
+
+// Fewer for small pictures: what a picture cannot show, it cannot place. 100 000 as published from 548 x 548
+// on.
+int random_points(const Split& train, const TrainSettings& settings) {
+  if (settings.init_points != kAutoInt) return settings.init_points;
+  return static_cast<int>(std::clamp(median_pixels(train) / 3, 100.0, 1e5));
+}
+
+PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
+  constexpr std::size_t kFewPhotographs = 24;
+  const Look look = look_at(train);
+  PictureFacts facts{static_cast<std::size_t>(random_points(train, settings)), look.lone_object, {}};
+  if (!look.lone_object && std::ranges::all_of(train.views, &View::opaque)) {
+    facts.mean_colour = look.mean_colour;
+    facts.few_photographs = train.views.size() <= kFewPhotographs;
+  }
+  return facts;
+}
+
+std::size_t first_splats(const Dataset& data, const Split& train, const TrainSettings& settings) {
+  const std::size_t all =
+      data.points ? data.points->positions.size() : static_cast<std::size_t>(random_points(train, settings));
+  return std::min(all, static_cast<std::size_t>(settings.cap_max));
+}
+
+Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
+  Split train = take_split(data, "train");
+  if (settings.refine_cameras != RefineCameras::none && still(train)) align(data, train);
+  settle_training(train, data, settings, begins);
+  return train;
+}
+
+void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins) {
+  require_images(train);
+  Background& behind = settings.background;
+  if (behind.learnt != Background::Learnt::no || !behind.harmonics.empty()) {
+    if (const auto view = std::ranges::find(train.views, false, &View::opaque); view != train.views.end())
+      fail(ErrorKind::data,
+           "{}: the picture may be transparent, and a sky or a learnt background needs opaque ones: choose "
+           "--background R,G,B",
+           view->name);
+    if (behind.learnt != Background::Learnt::no) behind.colour = look_at(train).mean_colour;
+  }
+  if (settings.dim == kAutoInt) {
+    const DimChoice choice = choose_dim(train.views);
+    settings.dim = choice.dim;
+    // Better by 0.5 to 2.4 dB on five scenes that move (docs/results/2026-11-22-direct.md).
+    const bool direct =
+        settings.conditioning_auto && has_time(choice.dim) && settings.variant == ModelVariant{};
+    if (direct) settings.variant.conditioning = Conditioning::direct;
+    validate(settings);
+    data.report.notes.push_back(
+        fmt::format("dim auto: N = {}, {}{}", choice.dim, choice.reason,
+                    direct ? "; direct conditioning (--conditioning covariance: as published)" : ""));
+  }
+  settings.conditioning_auto = false;
+  check_query(train, settings.dim);
+  if (has_time(settings.dim) && still(train))
+    warn(
+        "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
+        "{}",
+        settings.dim, settings.dim >= 6 ? 6 : 3);
+  if (scene_extent(train.views) < 1e-9)
+    warn(
+        "all training cameras stand at one place: splats stay where they begin, as their steps are shares of "
+        "the distance between cameras");
+  if (!has_time(settings.dim) && !still(train))
+    warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
+         settings.dim, settings.dim == 3 ? 4 : 7);
+  if (!begins) return;
+  if (still(train)) place_points(data, train, settings);
+  note_cap(data, settings);
+  if (!data.points) describe_start(data, train, settings);
+}
+
+Split take_test(Dataset& data, const TrainSettings& settings) {
+  if (!data.find("test")) {
+    warn("{} has no test split: no measurements, no renders", data.report.folder);
+    return {"test", {}};
+  }
+  Split test = take_split(data, "test");
+  check_query(test, settings.dim);
+  const std::size_t all = test.views.size();
+  std::erase_if(test.views, [](const View& view) { return !view.has_image(); });
+  if (test.views.size() < all)
+    warn("{} of {} test views have no image and are left out", all - test.views.size(), all);
+  return test;
+}
+
+ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
+  TrainSettings copy = settings;
+  std::vector<std::pair<std::string, std::string>> drawing;
+  for (const FieldValue& field : bind_fields(copy, train_fields()))
+    if (field.uses & kOfDrawing) drawing.emplace_back(field.key, field_text(field));
+  return make_notes(std::move(drawing), cameras_of(train));
+}
+
+std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
+                                        const Split& train) {
+  std::vector<std::string> comments;
+  if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
+  std::ranges::copy(comments_of(notes_for(settings, train)), std::back_inserter(comments));
+  return comments;
+}
+
+SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& s) {
+  InitOptions init = init_options(s);
+  const std::size_t points = first_splats(data, train, s);
+  const auto from = [&](const PointCloud& cloud) {
+    return initialise_from_points(s.dim, cloud.positions, cloud.colours, s.seed, init);
+  };
+  if (data.points) return from(thinned(*data.points, static_cast<std::size_t>(s.cap_max)));
+  if (data.depth_bounds.size() == train.views.size())
+    return from(sample_frusta(train.views, data.depth_bounds, points, s.seed));
+  if (s.init_extent != kAuto) return initialise_random(s.dim, points, s.seed, init);
+  const InitialSpace space = space_for(train);
+  if (space.half > 0) {
+    init.centre = space.centre;
+    init.box = space.half;
+    return initialise_random(s.dim, points, s.seed, init);
+  }
+  constexpr std::size_t kViews = 256;  // their pictures are decoded
+  const std::size_t step = train.views.size() / kViews + 1;
+  std::vector<View> some;  // pixels and all, where not every one is taken
+  for (std::size_t v = 0; step > 1 && v < train.views.size(); v += step) some.push_back(train.views[v]);
+  const std::span<const View> views = step > 1 ? some : train.views;
+  const std::vector<std::array<double, 2>> bounds(views.size(), {space.near, space.far});
+  PointCloud cloud = sample_frusta(views, bounds, 2 * points, s.seed, PointColours::pixels);
+  leave_room(cloud, views, space.near);
+  return from(thinned(std::move(cloud), points));
+}
+
+}  // namespace ubs

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// A build without OpenCV (UBS_OPENCV=OFF) draws views into files of pictures, and no videos.
+#include "host/api/picture.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/video_writer.hpp"
+
+namespace ubs {
+namespace {
+
+[[noreturn]] void without_opencv() {
+  fail(ErrorKind::usage, "--video: this program was built without OpenCV; write pictures with --out");
+}
+
+}  // namespace
+
+std::vector<std::string> video_extensions() { return {"none, this program was built without OpenCV"}; }
+
+struct VideoWriter::Encoder {};
+VideoWriter::VideoWriter(std::filesystem::path, int width, int height, double)
+    : width_(width), height_(height) {
+  without_opencv();
+}
+VideoWriter::~VideoWriter() = default;
+void VideoWriter::write(const Image8&) { without_opencv(); }
+void VideoWriter::commit() { without_opencv(); }
+
+DepthRange depth_range(const RenderedView&) { without_opencv(); }
+DepthRange united(const DepthRange&, const DepthRange&) { without_opencv(); }
+Image8 picture(const RenderedView&, Channel, const DepthRange&) { without_opencv(); }
+
+}  // namespace ubs

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+// See dataset.hpp.
+#include "host/data/load_dataset.hpp"
+
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/base/parallel.hpp"
+#include "host/base/paths.hpp"
+#include "host/base/text.hpp"
+#include "host/data/blender.hpp"
+#include "host/data/colmap.hpp"
+#include "host/data/data_root.hpp"
+#include "host/data/image.hpp"
+#include "host/data/packed.hpp"
+#include "host/data/view_names.hpp"
+#include "host/scene/extent.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Beyond this ratio of distance to extent, coordinates are made local: a float32 coordinate resolves
+// 2^-24 of its size, at 256 extents 1.5e-5 of the extent, or about a fiftieth of a pixel.
+constexpr double kFarFromOrigin = 256;
+
+constexpr const char* kSplits[] = {"train", "test", "val"};
+
+LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) {
+  LoadedScene scene;
+  for (const char* split : kSplits)
+    if (has_blender_split(folder, split))
+      scene.splits.push_back(load_blender_split(folder, split, options, true));
+  if (scene.splits.empty())
+    fail(ErrorKind::data,
+         "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
+         folder.string());
+  std::size_t without = 0;
+  for (const Split& split : scene.splits)
+    for (const View& view : split.views) without += options.load_images && !view.has_image();
+  if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
+  const fs::path points = folder / "points3d.ply";
+  if (path_exists(points)) take_points(DataRoot(folder, options.read.allow_outside).check(points), scene);
+  return scene;
+}
+
+std::vector<std::array<double, 3>> centres_of(const Split& split) {
+  std::vector<std::array<double, 3>> centres;
+  for (const View& view : split.views) centres.push_back(view.camera.centre());
+  return centres;
+}
+
+// The rounded mean of the cameras where they are far from the origin, else zero.
+std::array<double, 3> choose_offset(const Split& split) {
+  std::array<double, 3> mean{};
+  for (const auto& c : centres_of(split))
+    for (std::size_t k = 0; k < 3; ++k) mean[k] += c[k] / static_cast<double>(split.views.size());
+  const double distance = std::hypot(mean[0], mean[1], mean[2]);
+  if (split.views.size() < 2 || !(distance > kFarFromOrigin * scene_extent(split.views))) return {};
+  for (double& m : mean) m = std::round(m);
+  return mean;
+}
+
+bool wanted(const DatasetOptions& options, const std::string& split) {
+  return options.image_splits.empty() ||
+         std::ranges::find(options.image_splits, split) != options.image_splits.end();
+}
+
+}  // namespace
+
+const Split* Dataset::find(const std::string& split) const {
+  const auto it = std::ranges::find(splits, split, &Split::name);
+  return it == splits.end() ? nullptr : &*it;
+}
+
+// p_cam = R (local + from) + ... : moving the origin by `to - from` moves the translation by R (to - from).
+void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to) {
+  for (View& view : views)
+    for (std::size_t r = 0; r < 3; ++r)
+      for (std::size_t k = 0; k < 3; ++k)
+        view.camera.translation[r] += view.camera.rotation[3 * r + k] * (to[k] - from[k]);
+}
+
+void take_points(const fs::path& file, LoadedScene& scene) {
+  WorldPoints points = read_world_points(file);
+  if (is_random_filling(points))
+    scene.report.note(
+        fmt::format("{}: {} uniformly random points, as 3DGS code writes them where the data have none: "
+                    "not used",
+                    file.filename().string(), points.positions.size()));
+  else
+    scene.points = std::move(points);
+}
+
+bool has_image_extension(const fs::path& path) {
+  static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
+                                            ".tif", ".tiff", ".webp", ".bmp"};
+  return kKnown.contains(small_extension(path));
+}
+
+std::vector<fs::path> pictures_in(const fs::path& folder) {
+  std::vector<fs::path> pictures;
+  if (!is_folder(folder)) return pictures;
+  for (const fs::path& file : folder_entries(folder))
+    if (has_image_extension(file) && is_regular(file)) pictures.push_back(file);
+  return pictures;
+}
+
+void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used) {
+  const DatasetOptions usual;
+  for (const auto& [option, given] :
+       {std::pair{"--images", options.read.images != usual.read.images},
+        std::pair{"--test-every", options.read.test_every != usual.read.test_every},
+        std::pair{"--frames", options.read.frames != usual.read.frames}})
+    if (given && used.find(option) == std::string_view::npos)
+      fail(ErrorKind::usage, "the layout {} has no use for {}: leave it out", layout, option);
+}
+
+namespace {
+
+// A layout of data folders. A new one needs its loader, a row, and a section of docs/data.md.
+struct Layout {
+  std::string_view name;
+  bool (*recognise)(const fs::path& path);
+  LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
+  std::string_view has;  // what it is recognised by, for messages
+  std::string_view
+      used;  // which of --images, --test-every and --frames; unless the loader refuses the others itself
+  bool refuses_itself = false;
+};
+
+// In the order in which they are tried.
+constexpr Layout kLayouts[] = {
+    {"packed", is_packed, load_packed, "a file of ubs pack", "", true},
+    {"blender",
+     [](const fs::path& path) {
+       return std::ranges::any_of(kSplits, [&](const char* split) { return has_blender_split(path, split); });
+     },
+     load_blender, "transforms_train.json, transforms_val.json or transforms_test.json (Blender)", ""},
+    {"nerfstudio",
+     [](const fs::path& path) {
+       return is_regular(path) ? path.extension() == ".json" : path_exists(path / "transforms.json");
+     },
+     load_nerfstudio, "transforms.json", "--test-every"},
+    {"colmap", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
+     "sparse/0/cameras.bin or .txt (COLMAP)", "--images --test-every"},
+    {"llff", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); }, load_llff,
+     "poses_bounds.npy (LLFF, N3V)", "", true},
+};
+
+const Layout& layout_named(std::string_view name) {
+  for (const Layout& layout : kLayouts)
+    if (layout.name == name) return layout;
+  std::vector<std::string_view> names{"auto"};
+  for (const Layout& layout : kLayouts) names.push_back(layout.name);
+  fail(ErrorKind::usage, "layout '{}' is not known: {}", name, fmt::join(names, ", "));
+}
+
+}  // namespace
+
+std::string detect_layout(const fs::path& path) {
+  if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  for (const Layout& layout : kLayouts)
+    if (layout.recognise(path)) return std::string(layout.name);
+  if (!is_folder(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  refuse_further_models(path);
+  for (const fs::path& folder : {path, path / "images"})
+    if (const std::size_t count = pictures_in(folder).size(); count > 1)
+      fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
+           path.string(), count, shell_word(path.string()));
+  std::vector<std::string_view> known;
+  for (const Layout& layout : kLayouts) known.push_back(layout.has);
+  fail(ErrorKind::data, "{}: no known layout: there is no {} in this folder", path.string(),
+       fmt::join(known, ", no "));
+}
+
+Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
+  const Layout& layout =
+      layout_named(options.read.layout == "auto" ? detect_layout(path) : options.read.layout);
+  if (!layout.refuses_itself) refuse_unused(options, layout.name, layout.used);
+  LoadedScene scene = layout.load(path, options);
+
+  Dataset data;
+  data.splits = std::move(scene.splits);
+  for (Split& split : data.splits) {
+    split.name = safe_file_name(split.name);
+    settle_view_names(split.views);
+    if (options.read.principal_point == PrincipalPoint::centre)
+      for (View& view : split.views)
+        view.camera.cx = view.camera.width / 2.0, view.camera.cy = view.camera.height / 2.0;
+  }
+  data.depth_bounds = std::move(scene.depth_bounds);
+  data.report = std::move(scene.report);
+  const auto& results = data.report.undistorted;
+  for (const auto& [pixels, text] : results)
+    data.report.note(results.size() == 1                ? text
+                     : pixels == results.begin()->first ? text + ", the smallest"
+                                                        : text + ", the largest");
+  data.report.layout = layout.name;
+  data.report.folder = path.string();
+  const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
+  const bool already_local = scene.offset != std::array<double, 3>{};
+  data.offset = already_local ? scene.offset : choose_offset(reference);
+  if (data.offset != std::array<double, 3>{}) {
+    for (Split& split : data.splits) rebase(split.views, scene.offset, data.offset);
+    data.report.note(fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
+                                 data.offset[0], data.offset[1], data.offset[2]));
+  }
+  if (scene.points && !scene.points->positions.empty())
+    data.points = subtract_offset(*scene.points, already_local ? std::array<double, 3>{} : data.offset);
+  return data;
+}
+
+void decode_images(Dataset& data, const DatasetOptions& options) {
+  std::vector<View*> pending;
+  std::size_t bytes = 0;
+  for (Split& split : data.splits)
+    for (View& view : split.views) {
+      if (!wanted(options, split.name)) view.source.reset();
+      if (!view.source) continue;
+      pending.push_back(&view);
+      bytes += std::size_t{3} * static_cast<std::size_t>(view.camera.width) *
+               static_cast<std::size_t>(view.camera.height);
+    }
+  const std::size_t cache = static_cast<std::size_t>(options.read.image_cache_mb) << 20;
+  if (bytes > cache) {
+    data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
+                                 pending.size(), bytes >> 20, options.read.image_cache_mb));
+    return;
+  }
+  // Of one video only one frame at a time is decoded: neighbours come from different ones.
+  std::ranges::stable_sort(pending, {}, [](const View* view) { return view->camera.time; });
+  parallel_for(pending.size(), [&](std::size_t i) {
+    pending[i]->image = pending[i]->source->load();
+    pending[i]->source.reset();
+  });
+}
+
+Dataset load_dataset(const fs::path& path, const DatasetOptions& options) {
+  Dataset data = open_undecoded(path, options);
+  decode_images(data, options);
+  return data;
+}
+
+}  // namespace ubs

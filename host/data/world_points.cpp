@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+// See point_cloud.hpp.
+#include "host/data/world_points.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/base/paths.hpp"
+#include "host/data/ply_header.hpp"
+#include "host/scene/camera.hpp"
+
+namespace ubs {
+
+void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where) {
+  for (const double v : position)
+    if (!(std::abs(v) <= kMaxMagnitude)) checked_input(v, fmt::format("{}: point {}", where, index));
+}
+
+WorldPoints read_world_points(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  PlyHeader header;
+  std::ifstream stream = open_ply(path, header, true);
+  std::vector<const PlyProperty*> properties;
+  for (const char* axis : {"x", "y", "z"}) {
+    properties.push_back(header.find(axis));
+    if (!properties.back()) fail(ErrorKind::data, "{}: property '{}' is missing", name, axis);
+  }
+  const bool coloured = header.find("red") && header.find("green") && header.find("blue");
+  if (coloured)
+    for (const char* channel : {"red", "green", "blue"}) {
+      properties.push_back(header.find(channel));
+      if (properties.back()->type != PlyType::uint8)
+        fail(ErrorKind::data, "{}: property '{}' must be of type uchar", name, channel);
+    }
+
+  std::vector<double> table(properties.size() * header.count);
+  std::vector<double*> rows;
+  for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
+  read_ply_rows(stream, header, properties, rows, name);
+
+  WorldPoints cloud;
+  cloud.positions.resize(header.count);
+  cloud.colours.assign(header.count, {127, 127, 127});
+  for (std::size_t i = 0; i < header.count; ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      cloud.positions[i][k] = rows[k][i];
+      if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(rows[3 + k][i], 0.0, 255.0));
+    }
+    check_point(cloud.positions[i], i, name);
+  }
+  return cloud;
+}
+
+// The box is cut into 4 x 4 x 4 cells. For uniformly random points, the sum over the cells of (number -
+// expected)^2 / expected is chi-squared with 63 degrees of freedom (mean 63, deviation 11), and so is that of
+// the squared deviations of the mean colours over their variances. Points of surfaces leave most cells empty,
+// which gives a sum near their number. The bound of 150 is missed by 1 random cloud in 10^8.
+bool is_random_filling(const WorldPoints& points) {
+  constexpr std::size_t kFewest = 1000, kSide = 4, kCells = kSide * kSide * kSide;
+  constexpr double kBound = 150;
+  const auto count = static_cast<double>(points.positions.size());
+  if (points.positions.size() < kFewest) return false;
+  std::array<double, 3> low = points.positions[0], high = low, sum{}, squares{};
+  for (std::size_t i = 0; i < points.positions.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], points.positions[i][k]);
+      high[k] = std::max(high[k], points.positions[i][k]);
+      const double colour = points.colours[i][k];
+      sum[k] += colour;
+      squares[k] += colour * colour;
+    }
+  std::array<double, kCells> inside{};
+  std::array<std::array<double, 3>, kCells> colours{};
+  for (std::size_t i = 0; i < points.positions.size(); ++i) {
+    std::size_t cell = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double size = high[k] - low[k];
+      if (!(size > 0)) return false;
+      const double place = kSide * (points.positions[i][k] - low[k]) / size;
+      cell = kSide * cell + std::min(kSide - 1, static_cast<std::size_t>(place));
+    }
+    inside[cell] += 1;
+    for (std::size_t k = 0; k < 3; ++k) colours[cell][k] += points.colours[i][k];
+  }
+  const double expected = count / kCells;
+  double of_numbers = 0;
+  std::array<double, 3> of_colours{};
+  for (std::size_t cell = 0; cell < kCells; ++cell) {
+    of_numbers += (inside[cell] - expected) * (inside[cell] - expected) / expected;
+    for (std::size_t k = 0; k < 3 && inside[cell] > 0; ++k) {
+      const double mean = sum[k] / count, variance = squares[k] / count - mean * mean;
+      const double difference = colours[cell][k] / inside[cell] - mean;
+      if (variance > 0) of_colours[k] += inside[cell] * difference * difference / variance;
+    }
+  }
+  return of_numbers < kBound && *std::ranges::max_element(of_colours) < kBound;
+}
+
+PointCloud subtract_offset(const WorldPoints& points, const std::array<double, 3>& offset) {
+  PointCloud cloud{{}, points.colours};
+  cloud.positions.resize(points.positions.size());
+  for (std::size_t i = 0; i < cloud.positions.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      cloud.positions[i][k] = static_cast<float>(points.positions[i][k] - offset[k]);
+  return cloud;
+}
+
+}  // namespace ubs

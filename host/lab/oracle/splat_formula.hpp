@@ -1,0 +1,604 @@
+// SPDX-License-Identifier: Apache-2.0
+// The per-splat formulas of the oracle: raw parameters of one splat -> its footprint in one image.
+// Written plainly from the method (dense matrices, full NxN covariance, Gauss-Jordan inverse beside a
+// separate Cholesky) as templates over the scalar of tape.hpp. Nothing here is shared with the production
+// code. Every scalar branch takes value(x): clamps and culls follow the value and carry no gradient of their
+// own.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <stdexcept>
+#include <type_traits>
+#include <vector>
+
+#include "host/lab/oracle/matrix.hpp"
+#include "host/lab/oracle/oracle.hpp"
+#include "host/lab/oracle/tape.hpp"
+#include "host/lab/oracle/variant_formula.hpp"
+#include "host/scene/camera.hpp"
+
+namespace ubs::oracle {
+
+// Row numbers in file order, derived here again so that the layout of the product is checked, not trusted.
+// Rows exist only for what the variant uses: no spatial beta with a Gaussian kernel, no query betas where
+// neither the conditioning nor the opacity has them.
+struct Rows {
+  explicit Rows(int n, const ModelVariant& v = {})
+      : dim(n),
+        query(n - 3),
+        lobes(lobes_of(v.colour)),
+        harmonics(lobes ? 1 : bands(v.colour) * bands(v.colour)) {
+    if (n < 3) throw std::invalid_argument("oracle: a splat has at least 3 dimensions");
+    opacity = rgb + 3 * std::max(1, harmonics) + 6 * lobes;
+    beta = opacity + 1;
+    query_beta = beta + (v.kernel == SpatialKernel::gaussian ? 0 : 1);
+    const bool betas = v.beta_cond == BetaCond::on || v.beta_opacity == BetaOpacity::tanh;
+    mean = query_beta + (betas ? query : 0);
+    scale = mean + query;
+    triangle = scale + n;
+    count = triangle + (v.rot_mode == RotMode::quaternion ? 4 : n * (n - 1) / 2);
+  }
+  static int bands(ColourMode mode) { return static_cast<int>(mode); }
+  static int lobes_of(ColourMode mode) {
+    return mode == ColourMode::sb3 ? 3 : mode == ColourMode::sb2 ? 2 : mode == ColourMode::sb1 ? 1 : 0;
+  }
+  int dim, query, lobes, harmonics;
+  int xyz = 0, rgb = 3, opacity, beta, query_beta, mean, scale, triangle, count;
+};
+
+template <class S>
+S softplus(const S& x) {
+  using std::exp;
+  using std::log1p;
+  return value(x) > 20 ? x : log1p(exp(x));
+}
+
+// Skew matrix of the packed strict lower triangle, plus in the UPPER triangle (official packing).
+template <class S>
+Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
+  Matrix<S> result(n, n);
+  for (int i = 1; i < n; ++i)
+    for (int j = 0; j < i; ++j) {
+      result(j, i) = raw[rows.triangle + i * (i - 1) / 2 + j];
+      result(i, j) = -result(j, i);
+    }
+  return result;
+}
+
+// Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a
+// query scale is at least least_query_scale() times the length of what stands left of it in its row.
+inline constexpr double kLargestRawBeta = 7.5;
+inline double least_query_scale(const ModelVariant& variant) {
+  return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
+}
+// A spatial scale is at least this times the largest of the three.
+inline double least_spatial_scale(const ModelVariant& variant) {
+  return variant.cov_param == CovParam::skew_nd    ? 1e-3
+         : variant.cov_param == CovParam::cholesky ? 3e-4
+                                                   : 1e-4;
+}
+// skew_nd: after that a query scale as above, of its row of (I + A) diag(s), and a spatial one
+// kMinSkewMotion times the query columns of its row, with no other scale raised.
+inline constexpr double kMinSkewMotion = 1.5e-2;
+
+// Softplus of the raw spatial scales, raised where they are below the least; its derivative is that of the
+// largest then.
+template <class S>
+std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const ModelVariant& variant) {
+  std::array<S, 3> scales;
+  for (int j = 0; j < 3; ++j) scales[j] = softplus(raw[rows.scale + j]);
+  const S largest = *std::max_element(scales.begin(), scales.end(),
+                                      [](const S& a, const S& b) { return value(a) < value(b); });
+  const double least = least_spatial_scale(variant);
+  for (S& scale : scales)
+    if (value(scale) < least * value(largest)) scale = least * largest;
+  return scales;
+}
+
+// The derivative is that of the larger one.
+template <class S>
+S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
+  using std::sqrt;
+  S square(0);
+  for (int j = 0; j < row; ++j) square += factor(row, j) * factor(row, j);
+  if (!(value(square) > 0)) return scale;
+  const S least = ratio * sqrt(square);
+  return value(scale) < value(least) ? least : scale;
+}
+
+template <class S>
+std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matrix<S>& r,
+                           const ModelVariant& variant) {
+  using std::sqrt;
+  const std::array<S, 3> spatial = spatial_scales(raw, rows, variant);
+  std::vector<S> scales(spatial.begin(), spatial.end());
+  for (int j = 3; j < rows.dim; ++j) scales.push_back(softplus(raw[rows.scale + j]));
+  std::vector<S> result = scales;
+  for (int i = 0; i < rows.dim; ++i) {
+    const double least = i < 3 ? kMinSkewMotion : least_query_scale(variant);
+    S square(0);
+    for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
+      if (j != i) square += r(i, j) * scales[j] * r(i, j) * scales[j];
+    if (value(square) > 0 && value(scales[i]) < least * std::sqrt(value(square)))
+      result[i] = least * sqrt(square);
+  }
+  return result;
+}
+
+// The N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; `cholesky` a plain lower
+// triangle; `skew_nd` (I + A) diag(s).
+template <class S>
+Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const ModelVariant& variant = {}) {
+  const int n = rows.dim;
+  Matrix<S> result(n, n);
+  if (variant.cov_param == CovParam::skew_nd) {
+    const Matrix<S> r = Matrix<S>::identity(n) + skew(raw, rows, n);
+    const std::vector<S> scales = skew_scales(raw, rows, r, variant);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n; ++j) result(i, j) = r(i, j) * scales[j];
+    return result;
+  }
+  const bool triangular = variant.cov_param == CovParam::cholesky;
+  const std::array<S, 3> scales = spatial_scales(raw, rows, variant);
+  if (!triangular) {
+    const Matrix<S> r = variant.rot_mode == RotMode::quaternion
+                            ? quaternion_rotation<S>({raw[rows.triangle], raw[rows.triangle + 1],
+                                                      raw[rows.triangle + 2], raw[rows.triangle + 3]})
+                            : skew_rotation(skew(raw, rows, 3), variant.rot_mode);
+    for (int j = 0; j < 3; ++j)
+      for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * scales[j];
+  }
+  // Direct: below the spatial block stands nothing of a covariance.
+  const int last = variant.conditioning == Conditioning::direct ? 3 : n;
+  for (int i = triangular ? 0 : 3; i < last; ++i) {
+    for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
+    result(i, i) = i < 3 ? scales[i] : softplus(raw[rows.scale + i]);
+    if (i >= 3) result(i, i) = query_scale(result(i, i), result, i, least_query_scale(variant));
+  }
+  return result;
+}
+
+inline std::array<double, 3> camera_centre(const Camera& camera) {
+  std::array<double, 3> centre{};
+  for (int i = 0; i < 3; ++i)
+    for (int k = 0; k < 3; ++k) centre[i] -= camera.rotation[3 * k + i] * camera.translation[k];
+  // A position that is a float but for the rounding of double is meant as that float: a splat may stand
+  // there.
+  const double size =
+      std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
+  for (double& c : centre)
+    if (const double exact = static_cast<float>(c); std::abs(c - exact) < 1e-14 * size) c = exact;
+  return centre;
+}
+
+// Direction from the camera to the unconditional mean; the scalar type decides about its gradient.
+template <class S>
+std::array<S, 3> view_direction(const std::array<S, 3>& position, const Camera& camera) {
+  using std::sqrt;
+  const std::array<double, 3> centre = camera_centre(camera);
+  std::array<S, 3> w{position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]};
+  const S square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+  const S rho = std::sqrt(value(square)) > 1e-12 ? sqrt(square) : S(1e-12);
+  for (S& component : w) component = component / rho;
+  return w;
+}
+
+// C = 1, 2: (t, extra...); C >= 3: the direction first, then (t, extra...).
+template <class S>
+std::vector<S> query_vector(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
+  std::vector<S> result;
+  if (rows.query >= 3) {
+    if (query_grad) {
+      for (const S& d : view_direction<S>({raw[0], raw[1], raw[2]}, camera)) result.push_back(d);
+    } else {
+      for (double d : view_direction<double>({value(raw[0]), value(raw[1]), value(raw[2])}, camera))
+        result.push_back(S(d));
+    }
+  }
+  const int scalars = rows.query - static_cast<int>(result.size());
+  if (scalars > 1 && static_cast<int>(camera.extra.size()) < scalars - 1)
+    throw std::invalid_argument("oracle: the camera has too few extra query values for this dimension");
+  for (int i = 0; i < scalars; ++i) result.push_back(S(i == 0 ? camera.time : camera.extra[i - 1]));
+  return result;
+}
+
+// min(exp b, 1) with the slope of exp for b < 0 and exactly none from b = 0 upwards.
+template <class S>
+S condition_weight(const S& b) {
+  using std::exp;
+  return value(b) < 0 ? exp(b) : S(1);
+}
+
+// y^2 is cut here: far below what overflows in the factor without the floor.
+inline constexpr double kLargestU = 1e4;
+inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
+
+// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon if `floored`.
+template <class S>
+S log_query_factor(const S& y, bool floored = true) {
+  using std::exp;
+  using std::log1p;
+  const S u = value(y) * value(y) < kLargestU ? y * y : S(kLargestU);
+  const S factor = std::log(2.0) - 2.0 * u - log1p(exp(-2.0 * u));
+  return floored && value(factor) < kLowestLogFactor ? S(kLowestLogFactor) : factor;
+}
+
+// Where a value or a derivative is not that of the plain formula: the documented clamps.
+struct Guards {
+  bool pivot = false;  // a pivot of the query factor was lifted: its value is defined, its derivative is not
+  bool kink = false;   // within rounding of a bend of the formulas: the derivative may be that of either side
+  bool out_of_range = false;  // beyond what single precision holds: drawn or culled, undecided
+};
+
+template <class S>
+struct Conditioned {
+  std::array<S, 3> mean;
+  Matrix<S> covariance;  // the full V of method 2.3, asymmetric in general
+  S opacity;             // o_q
+  Guards guards;
+  Matrix<double> covariance_terms{3, 3};  // sums of the sizes of the terms of `covariance`; in double only
+};
+
+inline constexpr double kLargestFloat = 3.4028234663852886e38;
+// A splat whose raw parameters, as one vector, are longer than this is not drawn (kernels/limits.h says why).
+inline constexpr double kLargestRaw = 1e12;
+template <class S>
+bool in_raw_range(std::span<const S> raw) {
+  double square = 0;
+  for (const S& x : raw) square += value(x) * value(x);
+  return square <= kLargestRaw * kLargestRaw;
+}
+// Numbers whose squares, or products in threes, single precision cannot hold.
+inline constexpr double kLargestFactor = 1e18;
+// Relative distance to a bend below which rounding decides about the side.
+inline constexpr double kKinkMargin = 1e-5;
+
+// Whether a clamped parameter is within rounding of its clamp.
+template <class S>
+bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor,
+                const ModelVariant& variant) {
+  const auto close = [](double a, double b) { return std::abs(a - b) < kKinkMargin * std::abs(b); };
+  if (variant.kernel == SpatialKernel::beta && close(value(raw[rows.beta]), kLargestRawBeta)) return true;
+  double largest = 0;
+  for (int i = 0; i < 3; ++i) largest = std::max(largest, softplus(value(raw[rows.scale + i])));
+  for (int i = 0; i < 3; ++i)
+    if (close(softplus(value(raw[rows.scale + i])), least_spatial_scale(variant) * largest)) return true;
+  if (variant.conditioning == Conditioning::direct) return false;
+  for (int i = variant.cov_param == CovParam::skew_nd ? 0 : 3; i < rows.dim; ++i) {
+    const double least = i < 3 ? kMinSkewMotion : least_query_scale(variant);
+    double square = 0;
+    for (int j = i < 3 ? 3 : 0; j < rows.dim; ++j)
+      if (j != i) square += value(factor(i, j)) * value(factor(i, j));
+    if (close(softplus(value(raw[rows.scale + i])), least * std::sqrt(square))) return true;
+  }
+  return false;
+}
+
+// ln(o_q / o) from the whitened residual y.
+template <class S>
+S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y,
+                     const ModelVariant& variant) {
+  using std::exp;
+  S result(0);
+  if (variant.beta_opacity == BetaOpacity::none) return result;
+  for (int i = 0; i < rows.query; ++i) {
+    if (variant.beta_opacity == BetaOpacity::gaussian)
+      result -= 0.35 * (value(y[i]) * value(y[i]) < kLargestU ? y[i] * y[i] : S(kLargestU));
+    else
+      result += 4.0 * exp(raw[rows.query_beta + i]) * log_query_factor(y[i]);
+  }
+  return result;
+}
+
+template <class S>
+bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
+  if (variant.beta_opacity != BetaOpacity::tanh) return false;
+  return std::any_of(y.begin(), y.end(), [](const S& yi) {
+    return std::abs(log_query_factor(value(yi), false) / kLowestLogFactor - 1) < kKinkMargin;
+  });
+}
+
+// The direct form: with the factor L of the query precision, the cross covariance s Theta (s the mean spatial
+// scale) and the weights W, mean + s Theta W (L L^T) x and the opacity at L^T x. x: query minus its mean.
+template <class S>
+void condition_directly(std::span<const S> raw, const Rows& rows, const std::vector<S>& x,
+                        const ModelVariant& variant, Conditioned<S>& result) {
+  using std::exp;
+  const int c = rows.query;
+  const std::array<S, 3> scales = spatial_scales(raw, rows, variant);
+  const S mean_scale = (scales[0] + scales[1] + scales[2]) / S(3);
+  Matrix<S> lower(c, c), cross(3, c), weights(c, c), deviation(c, 1);
+  for (int i = 0; i < c; ++i) {
+    const int row = rows.triangle + (i + 3) * (i + 2) / 2;
+    for (int k = 0; k < 3; ++k) cross(k, i) = mean_scale * raw[row + k];
+    for (int j = 0; j < i; ++j) lower(i, j) = raw[row + 3 + j];
+    lower(i, i) = softplus(raw[rows.scale + 3 + i]);
+    deviation(i, 0) = x[i];
+    weights(i, i) = S(1);
+    if (variant.beta_cond == BetaCond::off) continue;
+    const S b = raw[rows.query_beta + i];
+    weights(i, i) = variant.beta_opacity == BetaOpacity::tanh ? condition_weight(b) : sigmoid(b);
+  }
+  const Matrix<S> offset = cross * weights * (lower * lower.transposed()) * deviation;
+  for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+  const Matrix<S> white = lower.transposed() * deviation;
+  std::vector<S> y;
+  for (int i = 0; i < c; ++i) y.push_back(white(i, 0));
+  result.opacity = result.opacity * exp(log_opacity_factor(raw, rows, y, variant));
+  result.guards.kink = result.guards.kink || near_floor(y, variant);
+  for (int i = 0; i < c * c; ++i)
+    if (!(std::abs(value(lower(i / c, i % c))) < kLargestFactor)) result.guards.out_of_range = true;
+  for (int i = 0; i < 3 * c; ++i)
+    if (!(std::abs(value(cross(i / c, i % c))) < kLargestFactor)) result.guards.out_of_range = true;
+}
+
+template <class S>
+Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera& camera,
+                         const Options& options) {
+  using std::exp;
+  const int c = rows.query;
+  const ModelVariant& variant = options.variant;
+  const Matrix<S> factor = covariance_factor(raw, rows, variant);
+  const Matrix<S> spatial = factor.block(0, 0, 3, rows.dim);
+  Conditioned<S> result{
+      {raw[0], raw[1], raw[2]}, spatial * spatial.transposed(), sigmoid(raw[rows.opacity]), {}};
+  for (int i = 0; i < rows.dim * rows.dim; ++i)
+    if (!(std::abs(value(factor(i / rows.dim, i % rows.dim))) < kLargestFactor))
+      result.guards.out_of_range = true;
+  result.guards.kink = near_clamp(raw, rows, factor, variant);
+  if constexpr (std::is_same_v<S, double>)
+    result.covariance_terms = absolute(spatial) * absolute(spatial).transposed();
+  if (c == 0) return result;
+
+  std::vector<S> x = query_vector(raw, rows, camera, options.query_grad);
+  for (int i = 0; i < c; ++i) {
+    x[i] -= raw[rows.mean + i];
+    if (!(std::abs(value(x[i])) < kLargestFactor)) result.guards.out_of_range = true;
+  }
+  if (variant.conditioning == Conditioning::direct) {
+    condition_directly<S>(raw, rows, x, variant, result);
+    return result;
+  }
+  // Sigma_xq Sigma_q^-1 = F Q^T L^-1 with the spatial rows F and B = L Q.
+  const Matrix<S> query = factor.block(3, 0, c, rows.dim);
+  const LowerOrthogonal<S> lq = lower_orthogonal(query);
+  const std::vector<S> y = forward_substitution<S>(lq.lower, x);
+  const S log_factor = log_opacity_factor(raw, rows, y, variant);
+  Matrix<S> weights(c, c), column(c, 1);
+  for (int j = 0; j < c; ++j)
+    weights(j, j) = variant.beta_cond == BetaCond::on ? condition_weight(raw[rows.query_beta + j]) : S(1);
+  const bool whitened = variant.cov_mode == CovMode::whiten;
+  for (int j = 0; j < c; ++j) column(j, 0) = whitened ? y[j] : x[j];
+  // offset = F Q^T z and V = F (I - Q^T Y) F^T.
+  const Matrix<S> solve = whitened ? weights : inverse(lq.lower) * weights;
+  const Matrix<S> offset = spatial * lq.rows.transposed() * (solve * column);
+  const Matrix<S> kept =
+      Matrix<S>::identity(rows.dim) - lq.rows.transposed() * (solve * (whitened ? lq.rows : query));
+  for (int r = 0; r < 3; ++r) result.mean[r] += offset(r, 0);
+  result.covariance = spatial * kept * spatial.transposed();
+  result.opacity = result.opacity * exp(log_factor);
+  if constexpr (std::is_same_v<S, double>) {
+    const Matrix<double> terms =
+        Matrix<double>::identity(rows.dim) +
+        absolute(lq.rows.transposed()) * absolute(solve * (whitened ? lq.rows : query));
+    result.covariance_terms = absolute(spatial) * terms * absolute(spatial).transposed();
+  }
+  result.guards.pivot = lq.floored;
+  result.guards.kink = result.guards.kink || near_floor(y, variant);
+  return result;
+}
+
+// What a pixel needs to know about a splat.
+template <class S>
+struct Footprint {
+  std::array<S, 2> mean;
+  std::array<S, 3> conic;  // Q00, Q01, Q11
+  S opacity, beta;
+  std::array<S, 3> rgb;
+  S depth = S(0);
+  std::array<S, 3> cov;  // support ellipse on the image plus eps2d: 00, 01, 11
+  bool visible = false;
+  bool in_range = false;  // of near and far plane; else only the depth is given
+  double reach = 0;       // sum |mean_j - centre_j|: the size of what the camera-space mean is the sum of
+  Guards guards;
+  // In double only: product of the sizes of what `cov` is summed from over its determinant: how much of the
+  // conic rounding may take.
+  double amplification = 1;
+};
+
+template <class S>
+S clamp_by_value(const S& x, double low, double high) {
+  return value(x) < low ? S(low) : value(x) > high ? S(high) : x;
+}
+
+// The affine approximation J of the pinhole projection at the camera-space point p, columns limited to
+// 1.3 times the half field of view around the true principal point.
+template <class S>
+Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
+  const double margin_x = 0.3 * camera.width / (2 * camera.fx);
+  const double margin_y = 0.3 * camera.height / (2 * camera.fy);
+  const S tx = p[2] * clamp_by_value<S>(p[0] / p[2], -(camera.cx / camera.fx + margin_x),
+                                        (camera.width - camera.cx) / camera.fx + margin_x);
+  const S ty = p[2] * clamp_by_value<S>(p[1] / p[2], -(camera.cy / camera.fy + margin_y),
+                                        (camera.height - camera.cy) / camera.fy + margin_y);
+  Matrix<S> j(2, 3);
+  j(0, 0) = camera.fx / p[2], j(0, 2) = -(camera.fx * tx / (p[2] * p[2]));
+  j(1, 1) = camera.fy / p[2], j(1, 2) = -(camera.fy * ty / (p[2] * p[2]));
+  return j;
+}
+
+// Upper triangle of V, mirrored: the lower entries of the general V are not used at all.
+template <class S>
+Matrix<S> symmetric(const Matrix<S>& v) {
+  Matrix<S> result = v;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < i; ++j) result(i, j) = result(j, i);
+  return result;
+}
+
+// A tenth of what the blur adds to the determinant of an ellipse: with less a splat is not drawn.
+template <class S>
+double least_determinant(const std::array<S, 3>& cov, double eps2d) {
+  return 0.1 * eps2d * (value(cov[0]) + value(cov[2]) - eps2d);
+}
+
+template <class S>
+bool all_finite(const Footprint<S>& f) {
+  for (const S& x : {f.mean[0], f.mean[1], f.conic[0], f.conic[1], f.conic[2], f.opacity, f.beta, f.rgb[0],
+                     f.rgb[1], f.rgb[2], f.depth})
+    if (!std::isfinite(value(x))) return false;
+  return true;
+}
+
+// Numbers, or what they are made of, that single precision may not hold.
+template <class S>
+bool beyond_float(const Footprint<S>& f, double product) {
+  constexpr double kMost = kLargestFloat / 16;
+  const double light = std::abs(value(f.rgb[0])) + std::abs(value(f.rgb[1])) + std::abs(value(f.rgb[2]));
+  for (double x : {value(f.mean[0]), value(f.mean[1]), value(f.beta), value(f.depth), product, light})
+    if (!(std::abs(x) < kMost)) return true;
+  return false;
+}
+
+// Spherical Beta lobes of deformable Beta splatting: the cosine to the axis of two angles, and softplus of
+// sharpness 10 ln 2.
+template <class S>
+S lobe_cosine(const S& theta, const S& phi, const std::array<S, 3>& d) {
+  using std::cos, std::sin;
+  return sin(theta) * (cos(phi) * d[0] + sin(phi) * d[1]) + cos(theta) * d[2];
+}
+
+template <class S>
+S sharp_softplus(const S& x) {
+  using std::exp, std::log1p;
+  const double k = 10 * std::numbers::ln2;
+  return value(x) > 0 ? x + log1p(exp(-k * x)) / k : log1p(exp(k * x)) / k;
+}
+
+template <class S>
+std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
+  using std::exp;
+  if (rows.harmonics == 0) return {raw[rows.rgb], raw[rows.rgb + 1], raw[rows.rgb + 2]};
+  std::array<S, 3> direction = view_direction<S>({raw[0], raw[1], raw[2]}, camera);
+  if (!query_grad)
+    for (S& d : direction) d = S(value(d));
+  const std::vector<S> basis = spherical_harmonics(direction, rows.harmonics);
+  std::array<S, 3> result;
+  for (int c = 0; c < 3; ++c) {
+    S sum(0.5);
+    for (int k = 0; k < rows.harmonics; ++k)
+      sum += basis[k] * raw[k == 0 ? rows.rgb + c : rows.rgb + 3 + c * (rows.harmonics - 1) + k - 1];
+    result[c] = value(sum) > 0 ? sum : S(0);
+  }
+  for (int lobe = 0; lobe < rows.lobes; ++lobe) {
+    const auto field = [&](int f) { return raw[rows.rgb + 3 + f * rows.lobes + lobe]; };
+    const S cosine = lobe_cosine(field(3), field(4), direction);
+    if (!(value(cosine) > 0)) continue;
+    const S raw_beta = value(field(5)) < kLargestRawBeta ? field(5) : S(kLargestRawBeta);
+    const S height = rim_power(1.0 - cosine, 4.0 * exp(raw_beta));
+    for (int c = 0; c < 3; ++c) result[c] += height * sharp_softplus(field(c));
+  }
+  return result;
+}
+
+// Whether a coordinate is within rounding of the limits of projection_jacobian.
+inline bool near_limit(double slope, double low, double high) {
+  const double margin = kKinkMargin * std::max(std::abs(low), std::abs(high));
+  return std::abs(slope - low) < margin || std::abs(slope - high) < margin;
+}
+
+inline bool near_frustum_limit(const std::array<double, 3>& p, const Camera& camera) {
+  const double margin_x = 0.3 * camera.width / (2 * camera.fx);
+  const double margin_y = 0.3 * camera.height / (2 * camera.fy);
+  return near_limit(p[0] / p[2], -(camera.cx / camera.fx + margin_x),
+                    (camera.width - camera.cx) / camera.fx + margin_x) ||
+         near_limit(p[1] / p[2], -(camera.cy / camera.fy + margin_y),
+                    (camera.height - camera.cy) / camera.fy + margin_y);
+}
+
+// `shift`, where given, is added to the mean in the camera's frame: the place where rounding of the position
+// enters (study.cpp).
+template <class S>
+Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options,
+                       const std::array<S, 3>* shift = nullptr) {
+  using std::exp;
+  using std::sqrt;
+  if (!in_raw_range(raw)) return {};
+  const Conditioned<S> conditioned = condition(raw, rows, camera, options);
+  Matrix<S> world_to_camera(3, 3);
+  for (int i = 0; i < 9; ++i) world_to_camera(i / 3, i % 3) = S(camera.rotation[i]);
+  const std::array<double, 3> centre = camera_centre(camera);
+  Footprint<S> result;
+  std::array<S, 3> p{camera.translation[0], camera.translation[1], camera.translation[2]};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) p[i] += world_to_camera(i, k) * conditioned.mean[k];
+    if (shift) p[i] += (*shift)[i];
+    result.reach += std::abs(value(conditioned.mean[i]) - centre[i]);
+  }
+
+  result.guards = conditioned.guards;
+  result.depth = p[2];
+  if (!(value(p[2]) >= options.near_plane && value(p[2]) <= options.far_plane)) return result;
+  result.in_range = true;
+  const Matrix<S> jw = projection_jacobian(p, camera) * world_to_camera;
+  Matrix<S> b = jw * symmetric(conditioned.covariance) * jw.transposed();
+  const S sharp_det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
+  b(0, 0) += S(options.eps2d), b(1, 1) += S(options.eps2d);
+  const S det = b(0, 0) * b(1, 1) - b(0, 1) * b(0, 1);
+
+  if constexpr (std::is_same_v<S, double>) {
+    const Matrix<double> terms = absolute(jw) * conditioned.covariance_terms * absolute(jw).transposed();
+    result.amplification = (terms(0, 0) + options.eps2d) * (terms(1, 1) + options.eps2d) / std::abs(det);
+  }
+  result.mean = {camera.fx * p[0] / p[2] + camera.cx, camera.fy * p[1] / p[2] + camera.cy};
+  result.cov = {b(0, 0), b(0, 1), b(1, 1)};
+  result.conic = {b(1, 1) / det, -b(0, 1) / det, b(0, 0) / det};
+  result.opacity = conditioned.opacity;
+  if (options.variant.antialias == Antialias::on)
+    result.opacity = value(sharp_det) > 0 ? result.opacity * sqrt(sharp_det / det) : S(0);
+  result.beta =
+      options.variant.kernel == SpatialKernel::gaussian
+          ? S(0)
+          : 4.0 * exp(value(raw[rows.beta]) < kLargestRawBeta ? raw[rows.beta] : S(kLargestRawBeta));
+  result.rgb = colour(raw, rows, camera, options.query_grad);
+  result.visible = value(det) > std::max(0.0, least_determinant(result.cov, options.eps2d)) &&
+                   value(b(0, 0)) > 0 && value(b(1, 1)) > 0 && all_finite(result);
+  result.guards.kink =
+      result.guards.kink || near_frustum_limit({value(p[0]), value(p[1]), value(p[2])}, camera);
+  result.guards.out_of_range =
+      result.guards.out_of_range || beyond_float(result, value(b(0, 0)) * value(b(1, 1)));
+  return result;
+}
+
+// r = D^T Q D, not below 0: rounding at the centre of a stretched splat may give a tiny negative number.
+template <class S>
+S kernel_radius(const Footprint<S>& f, double pixel_x, double pixel_y) {
+  const S dx = f.mean[0] - pixel_x, dy = f.mean[1] - pixel_y;
+  const S r = f.conic[0] * dx * dx + 2.0 * f.conic[1] * dx * dy + f.conic[2] * dy * dy;
+  return value(r) < 0 ? S(0) : r;
+}
+
+inline constexpr double kMaxAlpha = 0.999, kMaxAlphaGaussian = 0.99, kMinAlphaGaussian = 1.0 / 255;
+inline constexpr double kMinTransmittance = 1e-4;
+
+template <class S>
+S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialKernel::beta) {
+  using std::exp;
+  const bool gaussian = kernel == SpatialKernel::gaussian;
+  const double most = gaussian ? kMaxAlphaGaussian : kMaxAlpha;
+  const S alpha = f.opacity * (gaussian ? exp(-0.5 * r) : rim_power(r, f.beta));
+  return value(alpha) > most ? S(most) : alpha;
+}
+
+// Whether the splat has a part at a point: r < 1, or r < 9 and alpha >= 1/255.
+inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
+  if (kernel == SpatialKernel::beta) return r < 1;
+  return r < 9 && splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
+}
+
+}  // namespace ubs::oracle

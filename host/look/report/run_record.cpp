@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+// See run_record.hpp.
+#include "host/look/report/run_record.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <sstream>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/json.hpp"
+#include "host/base/paths.hpp"
+#include "host/scene/settings.hpp"
+#include "host/scene/yaml_reader.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> fields_of(std::string line) {
+  if (!line.empty() && line.back() == '\r') line.pop_back();
+  std::vector<std::string> fields(1);
+  for (const char c : line)
+    if (c == ',')
+      fields.emplace_back();
+    else
+      fields.back() += c;
+  return fields;
+}
+
+constexpr std::array<const char*, 6> kColumns{"iteration", "seconds",   "loss",
+                                              "splats",    "test_psnr", "test_ssim"};
+using Row = std::array<Json, kColumns.size()>;  // null: nothing was recorded
+
+// Returns null for an empty field, and nothing for a field that is not a finite number.
+std::optional<Json> read_field(const std::string& field) {
+  if (field.empty()) return Json();
+  char* end = nullptr;
+  const double number = std::strtod(field.c_str(), &end);
+  if (end != field.c_str() + field.size() || !std::isfinite(number)) return {};
+  return number;
+}
+
+std::optional<Row> read_row(const std::vector<std::string>& head, const std::vector<std::string>& fields) {
+  if (fields.size() != head.size()) return {};
+  Row row;
+  for (std::size_t c = 0; c < kColumns.size(); ++c) {
+    const auto at = std::find(head.begin(), head.end(), kColumns[c]);
+    if (at == head.end()) continue;
+    const std::optional<Json> value = read_field(fields[static_cast<std::size_t>(at - head.begin())]);
+    if (!value) return {};
+    row[c] = *value;
+  }
+  return row[0].is_null() ? std::nullopt : std::optional(row);
+}
+
+void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
+                  std::vector<std::string>& unknown) {
+  std::string shown = value;  // in the form of this version, so that equal values read the same
+  try {
+    set_field(fields, key, value, "setting");
+    for (const FieldValue& field : fields)
+      if (field.key == key) shown = field_text(field);
+  } catch (const Error&) {
+    unknown.push_back(key);
+  }
+  run.setting_texts.emplace_back(key, shown);
+}
+
+std::string setting_text(const Json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (!value.is_array()) return value.dump();
+  std::string out;
+  for (const Json& item : value) out.append(out.empty() ? "" : ",").append(setting_text(item));
+  return out;
+}
+
+void read_settings(RunRecord& run) {
+  const std::vector<FieldValue> fields = bind_fields(run.settings, train_fields());
+  std::vector<std::string> unknown;
+  if (const fs::path path = run.folder / "config.yaml"; path_exists(path)) {
+    const YamlReader reader(path);
+    for (const YamlEntry& entry : reader.entries(reader.root(), "the file"))
+      take_setting(run, fields, entry.key, reader.text(entry), unknown);
+  } else if (const Json* settings = run.find({"settings"}); settings && settings->is_object()) {
+    run.remarks.push_back("config.yaml is missing: settings are those of metrics.json");
+    for (const auto& [key, value] : settings->items())
+      take_setting(run, fields, key, setting_text(value), unknown);
+  } else {
+    run.remarks.push_back("settings are not known: config.yaml is missing");
+  }
+  if (!unknown.empty())
+    run.remarks.push_back(
+        fmt::format("settings that this version does not know as they are: {}", fmt::join(unknown, ", ")));
+}
+
+void read_metrics(RunRecord& run) {
+  const fs::path path = run.folder / "metrics.json";
+  if (!path_exists(path)) {
+    run.remarks.push_back("metrics.json is missing: the run was not finished");
+    return;
+  }
+  try {
+    run.metrics = parse_own_json(read_text_file(path), path.string());
+  } catch (const Error& error) {
+    fail(ErrorKind::data, "{}; delete it for a report without it", error.what());
+  }
+}
+
+std::string folder_name(const fs::path& folder) {
+  const fs::path whole = absolute_path(folder).lexically_normal();
+  return (whole.has_filename() ? whole : whole.parent_path()).filename().string();
+}
+
+}  // namespace
+
+const Json* RunRecord::find(const std::vector<std::string>& path) const {
+  const Json* at = &metrics;
+  for (const std::string& key : path) {
+    if (!at->is_object() || !at->contains(key)) return nullptr;
+    at = &(*at)[key];
+  }
+  return at;
+}
+
+std::optional<double> RunRecord::number(const std::vector<std::string>& path) const {
+  const Json* found = find(path);
+  if (!found || !found->is_number()) return {};
+  return found->get<double>();
+}
+
+std::string RunRecord::text(const std::vector<std::string>& path) const {
+  const Json* found = find(path);
+  return found && found->is_string() ? found->get<std::string>() : "";
+}
+
+Json parse_log(const std::string& csv, const std::string& origin, std::vector<std::string>& remarks) {
+  std::istringstream stream(csv);
+  std::string line;
+  std::getline(stream, line);
+  const std::vector<std::string> head = fields_of(line);
+  Json log = Json::object();
+  if (std::find(head.begin(), head.end(), "iteration") == head.end()) {
+    remarks.push_back(origin + " has no column iteration: no curves from it");
+    return log;
+  }
+  std::vector<Row> rows;
+  std::size_t bad = 0;
+  while (std::getline(stream, line)) {
+    const std::optional<Row> row = read_row(head, fields_of(line));
+    if (!row) {
+      ++bad;
+      continue;
+    }
+    // With --on-nan rollback, iterations occur again.
+    while (!rows.empty() && rows.back()[0] >= (*row)[0]) rows.pop_back();
+    rows.push_back(*row);
+  }
+  if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are left out", origin, bad));
+  for (const Row& row : rows)
+    for (std::size_t c = 0; c < kColumns.size(); ++c) log[kColumns[c]].push_back(row[c]);
+  return log;
+}
+
+std::vector<fs::path> data_places(const std::string& data, const fs::path& run) {
+  if (data.empty()) return {};
+  if (fs::path(data).is_absolute()) return {data};
+  const fs::path whole = (absolute_path(run) / "").lexically_normal().parent_path();
+  return {data, whole.parent_path() / data};
+}
+
+RunRecord read_run(const fs::path& folder) {
+  if (!path_exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
+  if (!is_folder(folder))
+    fail(ErrorKind::data, "{}: is no folder; a report is made of the output folder of 'ubs train'",
+         folder.string());
+  RunRecord run;
+  run.folder = folder;
+  run.name = folder_name(folder);
+  const char* files[] = {"model.ply", "metrics.json", "log.csv", "checkpoint.ubs"};
+  if (std::none_of(std::begin(files), std::end(files),
+                   [&](const char* file) { return path_exists(folder / file); }))
+    fail(ErrorKind::data, "{}: is no output folder of 'ubs train': none of {} is there", folder.string(),
+         fmt::join(files, ", "));
+  read_metrics(run);
+  read_settings(run);
+  if (run.settings.refine_cameras != RefineCameras::none && path_exists(folder / "cameras"))
+    run.settings.run_cameras = (folder / "cameras").string();
+  if (const fs::path log = folder / "log.csv"; path_exists(log))
+    run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
+  else
+    run.remarks.push_back("log.csv is missing: no curves");
+  return run;
+}
+
+}  // namespace ubs

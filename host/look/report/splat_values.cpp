@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+// See splat_values.hpp. Activations as in method.md 1.1, in double precision of the host.
+#include "host/look/report/splat_values.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace ubs {
+namespace {
+
+constexpr double kConstantHarmonic = 0.28209479177387814;  // Y_0^0 = 1 / (2 sqrt(pi))
+
+double softplus(double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); }
+double exponent(double raw) { return 4 * std::exp(raw); }
+double weight(double raw) { return std::min(std::exp(raw), 1.0); }
+double unchanged(double raw) { return raw; }
+
+struct Rows {
+  int first = 0, count = 0;
+};
+// Query dimensions of a layout by what they are; numbers among the query dimensions.
+Rows directions(const ParameterLayout& l) { return {0, l.dim >= 6 ? 3 : 0}; }
+Rows time(const ParameterLayout& l) { return {directions(l).count, has_time(l.dim) ? 1 : 0}; }
+Rows further(const ParameterLayout& l) {
+  const int first = directions(l).count + time(l).count;
+  return {first, l.query - first};
+}
+Rows shifted(int by, const Rows& rows) { return {rows.first + by, rows.count}; }
+
+class Collector {
+ public:
+  explicit Collector(const MixedModel& model) : model_(model) {}
+
+  template <typename RowsOf, typename Activation>
+  void add(SplatQuantity quantity, const RowsOf& rows_of, const Activation& activation) {
+    for (const SplatModel& group : model_.groups) {
+      const Rows rows = rows_of(group.layout());
+      for (int r = rows.first; r < rows.first + rows.count; ++r)
+        for (const float raw : group.row(r)) quantity.values.push_back(activation(raw));
+    }
+    if (!quantity.values.empty()) quantities_.push_back(std::move(quantity));
+  }
+  std::vector<SplatQuantity> take() { return std::move(quantities_); }
+
+ private:
+  const MixedModel& model_;
+  std::vector<SplatQuantity> quantities_;
+};
+
+using Layout = const ParameterLayout&;
+
+void add_betas(Collector& out, const ModelVariant& variant) {
+  if (variant.has_spatial_beta())
+    out.add(
+        {"spatial beta",
+         "exponent of 1 - r",
+         "4 exp(b): low is flat and hard-edged, 4 like a Gaussian, high is a spike",
+         true,
+         false,
+         {}},
+        [](Layout l) {
+          return Rows{l.beta, 1};
+        },
+        exponent);
+  if (!variant.has_query_beta()) return;
+  const auto add = [&](const char* of, const char* meaning, Rows (*which)(Layout)) {
+    const std::string name = of;
+    const auto rows = [which](Layout l) { return shifted(l.query_beta, which(l)); };
+    if (variant.beta_opacity == BetaOpacity::tanh)
+      out.add({name + " beta", "exponent of 1 - d", meaning, true, false, {}}, rows, exponent);
+    if (variant.beta_cond == BetaCond::on)
+      out.add({name + " conditioning",
+               "weight",
+               variant.learnt_weights()
+                   ? "sigmoid(lambda): how far the splat moves with the query"
+                   : "min(exp(b), 1): how far the splat moves with the query, 1 as a Gaussian",
+               false,
+               true,
+               {}},
+              rows, variant.learnt_weights() ? sigmoid : weight);
+  };
+  add("direction", "4 exp(b): low is diffuse, high is seen from few directions only", directions);
+  add("time", "4 exp(b): low stands still, high is there for a short time", time);
+  add("further query", "4 exp(b) of the query dimensions after time", further);
+}
+
+void add_scales(Collector& out, const ModelVariant& variant) {
+  const std::string radius = variant.has_spatial_beta() ? "radius of support" : "standard deviation";
+  const std::string form =
+      variant.cov_param == CovParam::spatial_ortho ? "along its axes" : "diagonal of the factor";
+  out.add(
+      {"spatial scale", "scene units", radius + ", " + form, true, false, {}},
+      [](Layout l) {
+        return Rows{l.scale, 3};
+      },
+      softplus);
+  const bool direct = variant.direct();
+  const auto add = [&](const char* name, const char* unit, Rows (*which)(Layout)) {
+    out.add(
+        {name,
+         unit,
+         direct ? "one over the diagonal of the precision's factor" : "width in the query",
+         true,
+         false,
+         {}},
+        [which](Layout l) { return shifted(l.scale + 3, which(l)); },
+        direct ? +[](double raw) { return 1 / softplus(raw); } : softplus);
+  };
+  add("direction scale", "of a unit direction", directions);
+  add("time scale", "of the whole time", time);
+  add("further query scale", "query units", further);
+}
+
+void add_colours(Collector& out, const ModelVariant& variant) {
+  const bool harmonics = variant.harmonics() > 0;
+  const char* meaning =
+      harmonics ? "all channels: constant term of the harmonics" : "all channels; not clamped in training";
+  out.add(
+      {"colour", "0 to 1 is shown", meaning, false, false, {}},
+      [](Layout l) {
+        return Rows{l.rgb, 3};
+      },
+      [harmonics](double raw) { return harmonics ? 0.5 + kConstantHarmonic * raw : raw; });
+}
+
+}  // namespace
+
+std::vector<SplatQuantity> splat_quantities(const MixedModel& model) {
+  Collector out(model);
+  const ModelVariant& variant = model.variant();
+  out.add(
+      {"opacity", "base opacity", "before direction and time take their share", false, true, {}},
+      [](Layout l) {
+        return Rows{l.opacity, 1};
+      },
+      sigmoid);
+  add_scales(out, variant);
+  add_betas(out, variant);
+  add_colours(out, variant);
+  out.add(
+      {"time mean", "time, 0 to 1", "where in time the splats are", false, false, {}},
+      [](Layout l) { return shifted(l.mean, time(l)); }, unchanged);
+  return out.take();
+}
+
+}  // namespace ubs

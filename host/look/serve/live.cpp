@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/look/serve/live.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "host/base/error.hpp"
+#include "host/base/json.hpp"
+#include "host/base/stopwatch.hpp"
+#include "host/base/text.hpp"
+#include "host/device/operations.hpp"
+#include "host/look/serve/live_page.hpp"
+#include "host/look/serve/painter.hpp"
+#include "host/look/serve/picture_pause.hpp"
+#include "host/train/run_settings.hpp"
+
+namespace ubs::serve {
+namespace {
+
+constexpr std::size_t kMaxPoints = 400;            // of the curve
+constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
+// For a view of the training, which will need the room as well.
+constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
+constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
+constexpr std::chrono::milliseconds kWait{1000};
+
+// What the run says, or else by what its iterations took so far.
+double seconds_left(const StepReport& report) {
+  if (report.seconds_left > 0 || report.iteration == 0) return report.seconds_left;
+  return report.seconds * (report.iterations - report.iteration) / report.iteration;
+}
+
+}  // namespace
+
+struct LiveTraining::Implementation {
+  Server& server;
+  double share;
+  Device& device;
+  Trainer& trainer;
+  const TimeSource& time;
+  std::unique_ptr<Stages> stages{};
+  std::unique_ptr<Painter> painter{};
+  struct Point {
+    int iteration = 0;
+    double value = 0;
+  };
+  std::vector<Point> losses{}, tests{};
+  StepReport report{};
+  PicturePause pause{share, time};
+  Stopwatch begun{time}, published{time}, last_picture{time};
+  double spent = 0;  // seconds
+  std::size_t pictures = 0;
+
+  std::string draw(const Camera& camera, bool exact, std::uint64_t most) {
+    const RenderGroup group{stages.get(), trainer.device_model().view()};
+    painter->use(render_settings(trainer.drawn_settings()));
+    return painter->draw(std::span(&group, 1), camera, exact, most);
+  }
+
+  // Answers the oldest request, if one comes within `wait`.
+  bool serve(std::chrono::milliseconds wait = {}) {
+    Stopwatch watch(time);
+    const bool served = server.serve(wait, [&](const PictureRequest& request) -> Picture {
+      watch.restart();
+      const std::uint64_t most = std::max(kIntersections, trainer.intersections().most);
+      std::string bytes = draw(request.camera, request.exact, most);
+      return {.bytes = std::move(bytes),
+              .headers = {{"Ubs-Iteration", std::to_string(report.iteration)},
+                          {"Ubs-Splats", std::to_string(report.splats)},
+                          {"Ubs-Seconds", fmt::format("{:.6f}", pause.period(watch.seconds()))}}};
+    });
+    if (!served) return false;
+    spent += watch.seconds();
+    ++pictures;
+    pause.begin(watch.seconds());
+    last_picture.restart();
+    return true;
+  }
+
+  static void add(std::vector<Point>& points, int iteration, double value) {
+    if (!std::isfinite(value)) return;
+    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // it went back
+    points.push_back({iteration, value});
+    if (points.size() < kMaxPoints) return;
+    for (std::size_t i = 0; i < kMaxPoints / 2; ++i) points[i] = points[2 * i];
+    points.resize(kMaxPoints / 2);
+  }
+
+  static Json points_json(const std::vector<Point>& points) {
+    Json list = Json::array();
+    for (const Point& point : points) list.push_back({point.iteration, point.value});
+    return list;
+  }
+
+  void publish() {
+    published.restart();
+    Json state{{"iteration", report.iteration}, {"iterations", report.iterations},
+               {"seconds", report.seconds},     {"left", seconds_left(report)},
+               {"splats", report.splats},       {"memory", device.allocated_bytes()},
+               {"peak", device.peak_bytes()},   {"share", share},
+               {"pictures", pictures},          {"spent", spent},
+               {"loss", points_json(losses)},   {"test", points_json(tests)}};
+    server.publish(json_text(state));
+  }
+};
+
+LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
+                           const TrainSettings& settings, const Scene& scene, const TimeSource& time)
+    : own_(new Implementation{server, share / 100, device, trainer, time}) {
+  Implementation& own = *own_;
+  const DeviceModel& model = trainer.device_model();
+  KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
+  config.backward = false;  // as `ubs render` draws
+  own.stages = make_stages(device, config);
+  own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
+  const Camera& first = scene.cameras.at(0).camera;
+  own.draw(first, false, kUnlimited);  // compiles the kernels
+  own.report = {.iteration = trainer.iteration(),
+                .iterations = settings.iterations,
+                .seconds = trainer.seconds(),
+                .splats = model.count()};
+  own.publish();
+  server.start(live_page(scene, true));
+  own.begun.restart();
+}
+
+LiveTraining::~LiveTraining() = default;
+
+void LiveTraining::step(const StepReport& report) {
+  Implementation& own = *own_;
+  own.report = report;
+  if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
+  if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
+  if (report.loss || report.test || own.published.seconds() > kFresh) own.publish();
+  if (own.pause.over()) own.serve();
+}
+
+void LiveTraining::end() {
+  Implementation& own = *own_;
+  own.publish();
+  const bool watched = own.pictures > 0 && own.last_picture.seconds() < kWatched;
+  const Stopwatch watch(own.time);
+  for (double left; (left = kLastPictures - watch.seconds()) > 0;)
+    if (!own.serve(std::chrono::milliseconds(watched ? static_cast<int>(1000 * left) : 0))) return;
+}
+
+std::string LiveTraining::summary() const {
+  return fmt::format("{} pictures in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
+                     100 * own_->spent / own_->begun.seconds());
+}
+
+void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
+  Painter painter(session.device(), session.stages(), session.settings());
+  const std::uint64_t most = session.device().info().memory_bytes / 64;  // 24 bytes each, and sorted
+  server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
+  server.start(live_page(scene, false));
+  for (;;)
+    server.serve(kWait, [&](const PictureRequest& request) -> Picture {
+      const Stopwatch watch;
+      std::string bytes = painter.draw(session.model().view(), request.camera, request.exact, most);
+      return {.bytes = std::move(bytes),
+              .headers = {{"Ubs-Seconds", fmt::format("{:.6f}", watch.seconds())}}};
+    });
+}
+
+}  // namespace ubs::serve

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/look/serve/live_page.hpp"
+
+#include "host/look/web/page.hpp"
+
+namespace ubs::serve {
+namespace {
+
+std::string page_options(const Scene& scene, bool training) {
+  Json options = web::page_scene(scene.frame, scene.cameras);
+  options.update({{"training", training}, {"timed", scene.has_time}});
+  return script_json(options);
+}
+
+}  // namespace
+
+std::string live_page(const Scene& scene, bool training) {
+  const PageCode script = page_script();
+  return page_shell(scene.title, {web::viewer_style()}, {script}, "connect-src 'self'; img-src data:",
+                    kNoScript + page_markup() +
+                        fmt::format("<script id=\"ubs-options\" type=\"application/json\">{}"
+                                    "</script>\n<script>{}</script>\n",
+                                    page_options(scene, training), script.text));
+}
+
+}  // namespace ubs::serve

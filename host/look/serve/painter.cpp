@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/look/serve/painter.hpp"
+
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "host/base/error.hpp"
+#include "host/data/image.hpp"
+#include "host/data/opencv_parts.hpp"
+#include "host/data/png.hpp"
+
+namespace ubs::serve {
+namespace {
+
+constexpr int kQuality = 90;
+
+}  // namespace
+
+Outcome Painter::Bounded::run(const Operation& operation) {
+  Outcome outcome = stages_.run(operation);
+  const auto* count = std::get_if<CountLists>(&operation);
+  if (count == nullptr || count->totals.memory != nullptr) return outcome;  // room that there is already
+  if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
+    fail(ErrorKind::memory, "too much to draw: {} splats cover {} tiles of the picture; go farther away",
+         totals.visible, totals.intersections);
+  return outcome;
+}
+
+Painter::Painter(Device& device, Stages& stages, const RenderSettings& settings)
+    : stages_(stages), renderer_(device, stages_), settings_(settings) {}
+
+std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact,
+                          std::uint64_t most) {
+  stages_.most = most;
+  renderer_.set_cameras({camera});
+  renderer_.forward(groups, 0, settings_, false);
+  const RenderedView view = renderer_.download();
+  Image8 image = image_from_interleaved(view.rgb, view.width, view.height);
+  if (exact) {  // as files of it are
+    const auto file = encode_png({image.width, image.height}, image.rgb.data());
+    return {reinterpret_cast<const char*>(file.data()), file.size()};
+  }
+  cv::Mat pixels(image.height, image.width, CV_8UC3, image.rgb.data());
+  cv::cvtColor(pixels, pixels, cv::COLOR_RGB2BGR);
+  std::vector<std::uint8_t> bytes;
+  if (!opencv().imencode(".jpg", pixels, bytes, {cv::IMWRITE_JPEG_QUALITY, kQuality}))
+    fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded", image.width, image.height);
+  return {bytes.begin(), bytes.end()};
+}
+
+}  // namespace ubs::serve

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Takes the place of the other files in builds without cpp-httplib or OpenCV.
+#include "host/base/error.hpp"
+#include "host/look/serve/live.hpp"
+
+namespace ubs::serve {
+struct Server::Implementation {};
+Server::Server(const Address&) {
+  fail(
+      ErrorKind::usage,
+      "this build has no server for pages in the browser (Debian: libcpp-httplib-dev; cmake -DUBS_SERVE=ON)");
+}
+Server::~Server() = default;
+const std::string& Server::url() const {
+  static const std::string none;
+  return none;
+}
+
+struct LiveTraining::Implementation {};
+LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettings&, const Scene&,
+                           const TimeSource&) {}
+LiveTraining::~LiveTraining() = default;
+void LiveTraining::step(const StepReport&) {}
+void LiveTraining::end() {}
+std::string LiveTraining::summary() const { return {}; }
+
+void serve_model(Server&, ModelSession&, const MixedModel&, const Scene&) {}
+
+}  // namespace ubs::serve

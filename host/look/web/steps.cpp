@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+// See steps.hpp.
+#include "host/look/web/steps.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "host/api/decompose.hpp"
+#include "host/base/error.hpp"
+#include "host/base/philox.hpp"
+#include "host/pipeline/image_gradient.hpp"
+
+namespace ubs::web {
+namespace {
+
+constexpr std::size_t kSensitiveViews = 48;  // that H is estimated from
+constexpr int kTrials = 6;                   // of the scale of all steps
+constexpr double kNear = 0.25;               // dB above the bound that is near enough
+constexpr double kMinRest = 0.02;            // of 1 - opacity, in importances
+// In Base64, with the viewer and a hundred cameras, 300 KB of a page.
+constexpr std::size_t kFirstLevelBytes = 135000;
+
+// One a group: H in the layout of the parameters.
+struct Sensitivity {
+  std::vector<std::vector<double>> squares;
+  double values = 0;  // pixels times channels
+};
+
+Sensitivity sensitivity(ModelSession& session, std::size_t views) {
+  const DeviceGroups& model = session.model();
+  GroupBuffers gradients(session.device(), model, "gradients of pictures");
+  Sensitivity out;
+  out.squares.resize(model.groups().size());
+  const std::size_t step = (views + kSensitiveViews - 1) / kSensitiveViews;
+  for (std::size_t v = 0; v < views; v += step) {
+    session.renderer().forward(model.view(), static_cast<std::uint32_t>(v), session.settings(), true);
+    const ImageShape shape = session.renderer().shape();
+    std::vector<float> signs(3 * static_cast<std::size_t>(shape.width) * shape.height);
+    const CounterRandom random(v, 0);
+    for (std::size_t i = 0; i < signs.size(); i += 32) {
+      const std::uint32_t bits = random.bits(i, 0);
+      for (std::size_t k = i; k < std::min(signs.size(), i + 32); ++k)
+        signs[k] = bits >> (k - i) & 1 ? 1.0f : -1.0f;
+    }
+    backward_from_image(session.device(), session.renderer(), {.rgb = signs}, gradients.view());
+    out.values += static_cast<double>(signs.size());
+    for (std::size_t g = 0; g < out.squares.size(); ++g) {
+      const DeviceModel& group = model.groups()[g];
+      const SplatModel gradient = download_rows(gradients[g], group.layout(), group.count(), group.stride());
+      out.squares[g].resize(gradient.values.size());
+      for (std::size_t i = 0; i < gradient.values.size(); ++i)
+        out.squares[g][i] += static_cast<double>(gradient.values[i]) * gradient.values[i];
+    }
+  }
+  return out;
+}
+
+// Class by what the splat's parameters together do to the pictures.
+std::vector<std::uint8_t> classes_of(const std::vector<double>& squares, std::size_t count,
+                                     std::size_t rows) {
+  std::vector<double> energy(count, 0.0);
+  for (std::size_t r = 0; r < rows; ++r) {
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += squares[r * count + i];
+    for (std::size_t i = 0; i < count && sum > 0; ++i) energy[i] += squares[r * count + i] / sum;
+  }
+  std::vector<double> sorted = energy;
+  std::vector<std::uint8_t> classes(count, 0);
+  if (count == 0) return classes;
+  const std::size_t high = count - 1 - count / 20;
+  std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(high));
+  for (std::size_t i = 0; i < count; ++i) {
+    const double times = energy[i] > 0 ? 0.5 * std::log2(sorted[high] / energy[i]) : kUbszCoarsest;
+    classes[i] =
+        static_cast<std::uint8_t>(std::clamp(std::lround(times), 0l, static_cast<long>(kUbszCoarsest)));
+  }
+  return classes;
+}
+
+// Steps with which each row causes `share` of the summed squared error of the pictures.
+UbszSteps group_steps(const SplatModel& model, const std::vector<double>& squares, double share) {
+  const std::size_t rows = static_cast<std::size_t>(model.layout().count), n = model.count;
+  UbszSteps out{std::vector<double>(rows), classes_of(squares, n, rows)};
+  std::vector<double> sums(rows, 0.0);
+  for (std::size_t r = 0; r < rows; ++r)
+    for (std::size_t i = 0; i < n; ++i) sums[r] += squares[r * n + i] * std::exp2(2.0 * out.classes[i]);
+  sums[0] = sums[1] = sums[2] = (sums[0] + sums[1] + sums[2]) / 3;
+  for (std::size_t r = 0; r < rows; ++r) {
+    const auto [low, high] =
+        n > 0 ? std::ranges::minmax(model.row(static_cast<int>(r))) : std::ranges::min_max_result<float>{};
+    const double range = std::max(1e-6, static_cast<double>(high) - low);
+    out.steps[r] = sums[r] > 0 ? std::min(range, std::sqrt(12 * share / sums[r])) : range;
+  }
+  if (rows > 0)
+    out.steps[0] = out.steps[1] = out.steps[2] = std::min({out.steps[0], out.steps[1], out.steps[2]});
+  return out;
+}
+
+// Between two models, drawn by the session.
+ViewPsnr compare_models(ModelSession& session, const MixedModel& exact, const MixedModel& other,
+                        std::size_t views) {
+  std::vector<std::vector<float>> pictures;
+  ViewPsnr out{0, std::numeric_limits<double>::infinity()};
+  const auto draw = [&](std::size_t v) {
+    session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(v), session.settings(),
+                               false);
+    return session.renderer().download().rgb;
+  };
+  constexpr std::size_t kHeld = 16;  // exact pictures in memory
+  for (std::size_t first = 0; first < views; first += kHeld) {
+    const std::size_t end = std::min(views, first + kHeld);
+    pictures.clear();
+    session.choose(exact);
+    for (std::size_t v = first; v < end; ++v) pictures.push_back(draw(v));
+    session.choose(other);
+    for (std::size_t v = first; v < end; ++v) {
+      const std::vector<float> picture = draw(v), &truth = pictures[v - first];
+      double sum = 0;
+      for (std::size_t i = 0; i < picture.size(); ++i) {
+        const double d = std::clamp(picture[i], 0.0f, 1.0f) - std::clamp(truth[i], 0.0f, 1.0f);
+        sum += d * d;
+      }
+      const double psnr = -10 * std::log10(std::max(1e-12, sum / static_cast<double>(picture.size())));
+      out.mean += psnr / static_cast<double>(views);
+      out.worst = std::min(out.worst, psnr);
+    }
+  }
+  session.choose(exact);
+  return out;
+}
+
+MixedModel rounded_groups(const MixedModel& model, const std::vector<UbszSteps>& steps) {
+  MixedModel out{std::vector<SplatModel>{}};
+  for (std::size_t g = 0; g < model.groups.size(); ++g)
+    out.groups.push_back(ubs::rounded(model.groups[g], steps[g]));
+  return out;
+}
+
+// Splats by what the pictures lose without them, the most important first: the squared error of the pixels
+// if it were linear in the opacity, whose derivative by the raw value is o (1 - o).
+std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivity& h) {
+  std::vector<double> losses;
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    const SplatModel& group = model.groups[g];
+    const int row = group.layout().opacity;
+    for (std::size_t i = 0; i < group.count; ++i) {
+      const double rest = 1 / (1 + std::exp(static_cast<double>(group.row(row)[i])));
+      losses.push_back(h.squares[g][static_cast<std::size_t>(row) * group.count + i] /
+                       std::pow(std::max(rest, kMinRest), 2));
+    }
+  }
+  std::vector<std::size_t> order(losses.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return losses[a] > losses[b]; });
+  return order;
+}
+
+UbszLevel level_of(const MixedModel& model, const std::vector<UbszSteps>& steps,
+                   std::span<const std::size_t> splats) {
+  std::vector<bool> keep(model.count(), false);
+  for (const std::size_t i : splats) keep[i] = true;
+  UbszLevel level{keep_splats(model, keep), {}, 0};
+  std::size_t splat = 0;
+  for (std::size_t g = 0; g < model.groups.size(); ++g) {
+    UbszSteps part{steps[g].steps, {}};
+    for (const std::uint8_t k : steps[g].classes)
+      if (keep[splat++]) part.classes.push_back(k);
+    if (!part.classes.empty()) level.steps.push_back(std::move(part));
+  }
+  return level;
+}
+
+// Each level brings three times as many splats as there are before it; the first one fits kFirstLevelBytes.
+std::vector<UbszLevel> make_levels(const MixedModel& model, const std::vector<UbszSteps>& steps,
+                                   const std::vector<std::size_t>& order, std::size_t all_bytes, int levels) {
+  std::vector<UbszLevel> out;
+  std::size_t begin = 0;
+  for (int k = 0; k < levels && begin < order.size(); ++k) {
+    std::size_t end = order.size() >> 2 * (levels - 1 - k);
+    if (k == 0) end = std::min(end, order.size() * kFirstLevelBytes / std::max<std::size_t>(1, all_bytes));
+    if (end <= begin) continue;
+    const auto part = [&] { return level_of(model, steps, std::span(order).subspan(begin, end - begin)); };
+    out.push_back(part());
+    while (k == 0 && end > 1 && pack_ubsz_levels(out, {}).bytes.size() > kFirstLevelBytes) {
+      end = end * 9 / 10;
+      out.back() = part();
+    }
+    begin = end;
+  }
+  return out;
+}
+
+std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& model, std::size_t views,
+                                    const Sensitivity& h, double psnr,
+                                    const std::function<MixedModel(const std::vector<UbszSteps>&)>& round,
+                                    const std::function<void(const std::string&)>& note) {
+  std::size_t rows = 0;
+  for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
+  double wanted = psnr + kNear / 2;  // of the estimate
+  std::vector<UbszSteps> steps, best;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const double share = std::pow(10.0, -wanted / 10) * h.values / static_cast<double>(rows);
+    steps.clear();
+    for (std::size_t g = 0; g < model.groups.size(); ++g)
+      steps.push_back(group_steps(model.groups[g], h.squares[g], share));
+    const double got = compare_models(session, model, round(steps), views).mean;
+    note(fmt::format("steps for {:.2f} dB give {:.2f} dB", wanted, got));
+    if (got >= psnr) best = steps;
+    if (got >= psnr && got <= psnr + kNear) break;
+    wanted += psnr + kNear / 2 - got;
+  }
+  if (best.empty())
+    fail(ErrorKind::usage, "no steps keep {} dB over the cameras: a lower --psnr, or --exact", psnr);
+  return best;
+}
+
+}  // namespace
+
+PackedForWeb pack_for_web(std::shared_ptr<Device> device, const MixedModel& model,
+                          const std::vector<std::string>& comments, const std::vector<Camera>& cameras,
+                          const TrainSettings& settings, double psnr, int levels,
+                          const std::function<void(const std::string&)>& note) {
+  ModelSession session(std::move(device), model, settings, false, true);
+  session.renderer().set_cameras(cameras);
+  note(fmt::format("what each parameter does to {} views", std::min(cameras.size(), kSensitiveViews)));
+  const Sensitivity h = sensitivity(session, cameras.size());
+  if (levels == 1) {
+    const auto round = [&](const std::vector<UbszSteps>& steps) { return rounded_groups(model, steps); };
+    const std::vector<UbszSteps> steps = choose_steps(session, model, cameras.size(), h, psnr, round, note);
+    return {
+        pack_ubsz(model, comments, steps), compare_models(session, model, round(steps), cameras.size()), {}};
+  }
+  const std::vector<std::size_t> order = by_importance(model, h);
+  const auto parts_of = [&](const std::vector<UbszSteps>& steps) {
+    return make_levels(model, steps, order, pack_ubsz(model, {}, steps).size(), levels);
+  };
+  const auto drawn_of = [](std::span<const UbszLevel> parts) {
+    return unpack_ubsz(pack_ubsz_levels(parts, {}).bytes, "levels");
+  };
+  const auto round = [&](const std::vector<UbszSteps>& steps) { return drawn_of(parts_of(steps)); };
+  std::vector<UbszLevel> parts = parts_of(choose_steps(session, model, cameras.size(), h, psnr, round, note));
+  PackedForWeb out;
+  for (std::size_t k = 0; k < parts.size(); ++k) {
+    const MixedModel drawn = drawn_of(std::span(parts).first(k + 1));
+    out.levels.push_back({0, drawn.count(), compare_models(session, model, drawn, cameras.size())});
+    parts[k].psnr = out.levels.back().psnr.mean;
+  }
+  out.psnr = out.levels.back().psnr;
+  UbszParts packed = pack_ubsz_levels(parts, comments);
+  for (std::size_t k = 0, end = 0; k < parts.size(); ++k) out.levels[k].bytes = end += packed.sizes[k];
+  out.bytes = std::move(packed.bytes);
+  return out;
+}
+
+}  // namespace ubs::web

@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+// Text and JSON side of settings.hpp; the YAML side is settings_yaml.cpp.
+#include "host/scene/settings.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <optional>
+
+#include "host/base/error.hpp"
+
+namespace ubs {
+namespace {
+
+template <typename... Cases>
+struct Overload : Cases... {
+  using Cases::operator()...;
+};
+template <typename... Functions>
+Overload(Functions...) -> Overload<Functions...>;  // clang 14 does not deduce aggregates
+
+std::string_view trim(std::string_view text) {
+  const auto first = text.find_first_not_of(" \t");
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(" \t") - first + 1);
+}
+
+// The whole text as a number, else nothing; std::from_chars does not depend on the locale.
+template <typename Number>
+std::optional<Number> parse(std::string_view text) {
+  if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);
+  Number value{};
+  const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (result.ec != std::errc() || result.ptr != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+// "1e4" and "30000.0" are integers to a person, and to YAML tools that write numbers.
+std::optional<double> parse_whole(std::string_view text) {
+  const auto value = parse<double>(text);
+  if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value))
+    return std::nullopt;
+  return value;
+}
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (std::size_t start = 0;;) {
+    const std::size_t end = text.find(separator, start);
+    parts.push_back(trim(text.substr(start, end - start)));
+    if (end == std::string_view::npos) return parts;
+    start = end + 1;
+  }
+}
+
+std::string number_text(double value) { return value == kAuto ? "auto" : fmt::format("{}", value); }
+
+std::string choice_text(const FieldValue& field, const ChoiceRef& choice) {
+  return std::string(split(field.choices, '|').at(static_cast<std::size_t>(choice.get(choice.value))));
+}
+
+std::string range_text(const FieldValue& field) {
+  const bool low = std::isfinite(field.min), high = std::isfinite(field.max);
+  if (low && high) return fmt::format(" {} to {}", field.min, field.max);
+  if (low) return fmt::format(" >= {}", field.min);
+  if (high) return fmt::format(" <= {}", field.max);
+  return "";
+}
+
+// FIRST:END:STEP; where the field is automatic also FIRST, FIRST:END, and all of them as nothing.
+bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to) {
+  IndexRange range;
+  const auto parts = split(text, ':');
+  const bool all = field.automatic && text.empty();
+  if (!all && (parts.size() > 3 || (parts.size() < 3 && !field.automatic))) return false;
+  int* const numbers[] = {&range.first, &range.end, &range.step};
+  for (std::size_t i = 0; !all && i < parts.size(); ++i) {
+    const auto value = parse_whole(parts[i]);
+    if (!value || !(*value >= field.min && *value <= field.max)) return false;
+    *numbers[i] = static_cast<int>(*value);
+  }
+  if (range.first > range.end || range.step < 1) return false;
+  to = range;
+  return true;
+}
+
+std::string_view learnt_word(Background::Learnt learnt) {
+  return learnt == Background::Learnt::colour ? "learn" : "sky";
+}
+
+// A colour, a colour and harmonics, or the word of what is to be learnt.
+bool assign_background(const FieldValue& field, std::string_view text, Background& to) {
+  Background read;
+  for (const auto learnt : {Background::Learnt::colour, Background::Learnt::sky})
+    if (text == learnt_word(learnt)) read.learnt = learnt;
+  const auto parts = split(text, ',');
+  if (read.learnt == Background::Learnt::no && parts.size() != 3 && parts.size() != 3 + kSkyHarmonics)
+    return false;
+  for (std::size_t i = 0; read.learnt == Background::Learnt::no && i < parts.size(); ++i) {
+    constexpr double kLargest = 1e6;  // more than any number of steps can learn
+    const auto value = parse<double>(parts[i]);
+    if (!value || !std::isfinite(*value)) return false;
+    if (i < 3 ? *value < field.min || *value > field.max : std::abs(*value) > kLargest) return false;
+    if (i < 3)
+      read.colour[i] = *value;
+    else
+      read.harmonics.push_back(*value);
+  }
+  to = std::move(read);
+  return true;
+}
+
+// One attempt to read `text` into the field; false when it is not a value of the field's domain.
+bool assign(const FieldValue& field, std::string_view text) {
+  const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
+  return std::visit(Overload{[&](int* to) {
+                               if (field.automatic && text == "auto") {
+                                 *to = kAutoInt;
+                                 return true;
+                               }
+                               const auto value = parse_whole(text);
+                               if (!value || !inside(*value) || std::abs(*value) > 2147483647.0) return false;
+                               *to = static_cast<int>(*value);
+                               return true;
+                             },
+                             [&](std::uint64_t* to) {
+                               const auto value = parse<std::uint64_t>(text);  // exact over all 64 bits
+                               if (!value || !inside(static_cast<double>(*value))) return false;
+                               *to = *value;
+                               return true;
+                             },
+                             [&](double* to) {
+                               if (field.automatic && text == "auto") {
+                                 *to = kAuto;
+                                 return true;
+                               }
+                               const auto value = parse<double>(text);
+                               if (!value || !inside(*value)) return false;
+                               *to = *value;
+                               return true;
+                             },
+                             [&](bool* to) {
+                               const bool yes =
+                                   text == "true" || text == "1" || text == "on" || text == "yes";
+                               if (!yes && text != "false" && text != "0" && text != "off" && text != "no")
+                                 return false;
+                               *to = yes;
+                               return true;
+                             },
+                             [&](std::string* to) {
+                               if (field.choices) {
+                                 const auto choices = split(field.choices, '|');
+                                 if (std::ranges::find(choices, text) == choices.end()) return false;
+                               }
+                               *to = text;
+                               return true;
+                             },
+                             [&](Background* to) { return assign_background(field, text, *to); },
+                             [&](IndexRange* to) { return assign_range(field, text, *to); },
+                             [&](const ChoiceRef& to) {
+                               const auto words = split(field.choices, '|');
+                               const auto at = std::ranges::find(words, text);
+                               if (at == words.end()) return false;
+                               to.set(to.value, static_cast<int>(at - words.begin()));
+                               return true;
+                             }},
+                    field.value);
+}
+
+[[noreturn]] void fail_unknown(FieldValues fields, std::string_view key, std::string_view origin) {
+  std::vector<std::string> keys;
+  for (const FieldValue& field : fields) keys.emplace_back(field.key);
+  const std::string nearest = nearest_word(key, keys);
+  fail(ErrorKind::usage, "{}: unknown key '{}'{}", origin, key,
+       nearest.empty() ? "; see the options in --help" : fmt::format("; did you mean '{}'?", nearest));
+}
+
+}  // namespace
+
+std::string to_string(const Background& background) {
+  if (background.learnt != Background::Learnt::no) return std::string(learnt_word(background.learnt));
+  std::string text = fmt::format("{}", fmt::join(background.colour, ","));
+  for (const double number : background.harmonics) text += fmt::format(",{}", number);
+  return text;
+}
+
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0]++;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] != b[j]);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+std::string nearest_word(std::string_view word, std::span<const std::string> known) {
+  std::string best;
+  std::size_t least = 2 + word.size() / 5;  // as many differences as this make another word
+  for (const std::string& candidate : known)
+    if (const std::size_t d = edit_distance(word, candidate); d < least) {
+      least = d;
+      best = candidate;
+    }
+  return best;
+}
+
+std::string field_text(const FieldValue& field) {
+  const auto is_auto = [&](const int* v) { return field.automatic && *v == kAutoInt; };
+  return std::visit(
+      Overload{[&](const int* v) { return is_auto(v) ? "auto" : fmt::format("{}", *v); },
+               [](const std::uint64_t* v) { return fmt::format("{}", *v); },
+               [](const double* v) { return number_text(*v); },
+               [](const bool* v) { return std::string(*v ? "true" : "false"); },
+               [](const std::string* v) { return *v; }, [](const Background* v) { return to_string(*v); },
+               [](const IndexRange* v) { return to_string(*v); },
+               [&](const ChoiceRef& v) { return choice_text(field, v); }},
+      field.value);
+}
+
+std::string field_domain(const FieldValue& field) {
+  const std::string range = range_text(field);
+  return std::visit(
+      Overload{[&](int*) { return (field.automatic ? "auto or integer" : "integer") + range; },
+               [&](std::uint64_t*) { return std::string("integer >= 0"); },
+               [&](double*) { return (field.automatic ? "auto or number" : "number") + range; },
+               [&](bool*) { return std::string("true or false"); },
+               [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
+               [&](Background*) {
+                 return "three numbers r,g,b" + range + ", the 27 numbers of a sky, learn, or sky";
+               },
+               [&](IndexRange*) {
+                 return fmt::format("FIRST:END:STEP{}{}", range,
+                                    field.automatic ? ", or nothing for all" : "");
+               },
+               [&](const ChoiceRef&) { return std::string(field.choices); }},
+      field.value);
+}
+
+void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin) {
+  const auto field = std::ranges::find_if(fields, [&](const FieldValue& f) { return f.key == key; });
+  if (field == fields.end()) fail_unknown(fields, key, origin);
+  if (!assign(*field, trim(text)))
+    fail(ErrorKind::usage, "{}: {} = '{}' is not allowed: expected {}", origin, key, text,
+         field_domain(*field));
+}
+
+std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string_view::npos)
+    fail(ErrorKind::usage, "{}: '{}' is not of the form key=value", origin, assignment);
+  const std::string_view key = trim(assignment.substr(0, equals));
+  set_field(fields, key, assignment.substr(equals + 1), origin);
+  return std::string(key);
+}
+
+nlohmann::ordered_json to_json(FieldValues fields) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  for (const FieldValue& field : fields)
+    std::visit(Overload{[&](const double* v) {
+                          if (*v == kAuto)
+                            json[field.key] = "auto";
+                          else
+                            json[field.key] = *v;
+                        },
+                        [&](const int* v) {
+                          if (field.automatic && *v == kAutoInt)
+                            json[field.key] = "auto";
+                          else
+                            json[field.key] = *v;
+                        },
+                        [&](const IndexRange* v) { json[field.key] = to_string(*v); },
+                        [&](const ChoiceRef& v) { json[field.key] = choice_text(field, v); },
+                        [&](const Background* v) {
+                          if (*v == Background{v->colour})
+                            json[field.key] = v->colour;
+                          else
+                            json[field.key] = to_string(*v);
+                        },
+                        [&](const auto* v) { json[field.key] = *v; }},
+               field.value);
+  return json;
+}
+
+}  // namespace ubs

@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of training fields: key, help and range of each, in the order of --help and config.yaml.
+#include "host/scene/train_settings.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "host/base/error.hpp"
+#include "host/scene/frozen_groups.hpp"
+
+namespace ubs {
+namespace {
+
+using S = TrainSettings;
+
+constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
+constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
+constexpr int kMaxIterations = 10'000'000;  // likewise
+constexpr int kMaxPyramidFactor = 64;
+constexpr double kMinAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
+
+template <auto Switch>
+ChoiceRef form(S& settings) {
+  return choice<ModelVariant, Switch>(settings.variant);
+}
+
+// auto, and behind it the forms.
+ChoiceRef conditioning(S& settings) {
+  return {&settings,
+          [](const void* at) {
+            const S& s = *static_cast<const S*>(at);
+            return s.conditioning_auto ? 0 : 1 + static_cast<int>(s.variant.conditioning);
+          },
+          [](void* at, int number) {
+            S& s = *static_cast<S*>(at);
+            s.conditioning_auto = number == 0;
+            s.variant.conditioning = static_cast<Conditioning>(std::max(number - 1, 0));
+          }};
+}
+
+constexpr Field<S> used(unsigned uses, Field<S> field) {
+  field.uses = uses;
+  return field;
+}
+
+const Field<S> kFields[] = {
+    used(kSetFirst, {"dim",
+                     "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query "
+                     "values; auto: "
+                     "what differs between the training views",
+                     &S::dim, 3, 11, true}),
+    used(kSetFirst,
+         {"init_points",
+          "random initial splats where the data bring no points; auto: points are placed by comparing the "
+          "pictures, or where that fails one for three pixels of a picture, at most 100000",
+          &S::init_points, 1, kMaxSplats, true}),
+    used(kSetFirst,
+         {"init_extent",
+          "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
+          "(docs/data.md)",
+          &S::init_extent, 1e-6, 1e6, true}),
+    used(kSetFirst,
+         {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats}),
+    {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
+     true},
+    {"beta_query_init", "raw initial betas of time and further query values", &S::beta_query_init, -20, 20},
+    used(kSetFirst, {"seed", "seed of every random choice", &S::seed, 0}),
+
+    {"rot_mode", "spatial rotation: I + A, second order, Cayley, exponential, or quaternion (dim 3)",
+     &form<&ModelVariant::rot_mode>, -1, 1, false, variant_values("rot_mode")},
+    {"cov_param", "covariance factor: rotation and correlations, plain lower triangle, or skew N x N",
+     &form<&ModelVariant::cov_param>, -1, 1, false, variant_values("cov_param")},
+    {"beta_cond", "betas below 1 weaken the conditioning on the query", &form<&ModelVariant::beta_cond>, -1,
+     1, false, variant_values("beta_cond")},
+    {"beta_opacity", "opacity at the query: (1 - tanh)^beta, unchanged, or exp(-0.35 y.y)",
+     &form<&ModelVariant::beta_opacity>, -1, 1, false, variant_values("beta_opacity")},
+    {"cov_mode", "asymmetric conditional covariance: upper triangle, or whitened weights",
+     &form<&ModelVariant::cov_mode>, -1, 1, false, variant_values("cov_mode")},
+    {"kernel", "spatial kernel: (1 - r)^beta, or exp(-r/2) as in 3D Gaussian splatting",
+     &form<&ModelVariant::kernel>, -1, 1, false, variant_values("kernel")},
+    {"colour",
+     "constant colour, spherical harmonics of the view direction (sh, to degree 0 to 3), or Beta lobes (sb, "
+     "1 to 3)",
+     &form<&ModelVariant::colour>, -1, 1, false, variant_values("colour")},
+    {"antialias", "take away the opacity that eps2d adds to small splats", &form<&ModelVariant::antialias>,
+     -1, 1, false, variant_values("antialias")},
+    {"conditioning",
+     "query through the covariance of all dimensions, or through parameters of its own (docs/method.md 9); "
+     "auto: direct where dim is auto and the data move",
+     &conditioning, -1, 1, false, "auto|covariance|direct"},
+
+    used(kSetFirst,
+         {"iterations", "optimiser steps; the schedule scales with them", &S::iterations, 1, kMaxIterations}),
+    {"work_shares",
+     "share of the work that is done after some iterations, as --budget records it: ITERATION:SHARE,..., "
+     "such "
+     "as 90:0.05,200:0.1; empty: in proportion to the iterations",
+     &S::work_shares},
+    {"batch", "views per step", &S::batch, 1, 1024},
+    {"pyramid",
+     "train on reduced images first: factors and the share of the work where each ends, such as "
+     "4:0.2,2:0.5; empty: whole images throughout",
+     &S::pyramid},
+    {"refine", "refinements after iteration FIRST, before END, every STEP (of 30 000); 0:0:1: none",
+     &S::refine, 0, 30000},
+    {"growth", "splats after / before a refinement", &S::growth, 1, 10},
+    {"growth_end",
+     "share of the work from which on no splats are added, as --budget records it where time runs short",
+     &S::growth_end, 0, 1},
+    {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
+
+    {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
+    {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},
+    {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
+    used(kOfDrawing | kSetFirst,
+         {"background",
+          "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
+          "also learnt: learn (one colour) or sky (by direction); where no schedule is "
+          "asked for, their mean colour",
+          &S::background, 0, 1}),
+    {"appearance",
+     "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
+     &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
+    {"refine_cameras",
+     "refine the poses of the training views too, or poses, focal lengths and principal points",
+     &choice<S, &S::refine_cameras>, -1, 1, false, "none|pose|pose+intrinsics"},
+
+    {"lr_batch",
+     "learning rates of larger batches: as they are, or times the square root of the views per step "
+     "(docs/cluster.md)",
+     &choice<S, &S::lr_batch>, -1, 1, false, "none|sqrt"},
+    {"lr_cooldown", "share of the work at its end over which all learning rates fall to 0, linearly",
+     &S::lr_cooldown, 0, 1},
+    {"lr_xyz", "initial learning rate of positions, times the scene extent", &S::lr_xyz, kMinDecayingRate,
+     10},
+    {"lr_xyz_final", "final learning rate of positions, times the scene extent", &S::lr_xyz_final,
+     kMinDecayingRate, 10},
+    {"lr_mean", "learning rate of query means", &S::lr_mean, 0, 10},
+    {"lr_rgb",
+     "learning rate of colours; auto: 0.001, spherical harmonics and Beta lobes 0.0025. Harmonics beyond the "
+     "constant term have a twentieth",
+     &S::lr_rgb, 0, 10, true},
+    {"lr_opacity", "learning rate of raw opacities; auto: 0.05, kernel gaussian 0.025", &S::lr_opacity, 0, 10,
+     true},
+    {"lr_beta", "learning rate of raw betas", &S::lr_beta, 0, 10},
+    {"lr_scale", "learning rate of raw scales; auto: 0.005, kernel gaussian 0.02", &S::lr_scale, 0, 10, true},
+    {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
+
+    used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
+    used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6}),
+    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30}),
+    used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
+    {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
+     &S::raster, -1, 1, false, "auto|cpu|gpu"},
+
+    used(kOfKernels | kOfDrawing | kSetFirst,
+         {"alpha_min", "a splat is left out where its alpha is not above this; 0: never", &S::alpha_min, 0,
+          0.5}),
+    used(kOfKernels, {"freeze", "parameter groups that are not learnt, such as xyz,rgb", &S::freeze}),
+    used(kOfKernels,
+         {"math", "powers of the kernels: exact (1e-7), native (1e-5) or rough (4e-4 relative error)",
+          &choice<S, &S::math>, -1, 1, false, "exact|native|rough"}),
+
+    used(kOfReading | kSetFirst, {"downscale", "reduce images by this factor on load", &S::downscale, 1, 64}),
+    used(kOfReading,
+         {"layout", "layout of the data (docs/data.md); auto: recognised by its content", &S::layout}),
+    used(kOfReading, {"images", "folder of images inside a COLMAP or LLFF folder; auto: images", &S::images}),
+    used(kOfReading, {"principal_point", "true, or centre of the image as in published numbers",
+                      &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
+    used(kOfReading | kSetFirst,
+         {"test_every", "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: none",
+          &S::test_every, 0, 1'000'000}),
+    used(kFreeOnResume, {"image_cache_mb", "memory for images [MB]; what does not fit is decoded when needed",
+                         &S::image_cache_mb, 1, 1 << 20}),
+    used(kFreeOnResume | kOfReading,
+         {"cache_folder", "folder that keeps undistorted images and video frames; empty: none",
+          &S::cache_folder}),
+    used(kFreeOnResume | kOfReading,
+         {"allow_outside",
+          "read files outside of the data folder that links, absolute paths or .. in the data lead to",
+          &S::allow_outside}),
+    used(kOfReading, {"frames", "frames of videos as FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all",
+                      &S::frames, 0, kMaxIterations, true}),
+    used(kFreeOnResume | kSetFirst,
+         {"eval_every",
+          "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end",
+          &S::eval_every}),
+    used(kFreeOnResume, {"save_renders", "test views saved beside their ground truth at the end; -1: all",
+                         &S::save_renders, -1, 1'000'000}),
+    {"log_every", "iterations between rows of log.csv", &S::log_every, 1, kMaxIterations},
+    used(kFreeOnResume, {"checkpoint_every",
+                         "iterations (500) or seconds (300s) between checkpoints; 0: only when interrupted",
+                         &S::checkpoint_every}),
+    used(kFreeOnResume,
+         {"on_nan",
+          "when a value is not finite: stop, go back to the last checkpoint, drop its splats, or do not look",
+          &choice<S, &S::on_nan>, -1, 1, false, "stop|rollback|drop|off"}),
+};
+
+}  // namespace
+
+std::span<const Field<TrainSettings>> train_fields() { return kFields; }
+
+// Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.
+void check_freeze(const TrainSettings& s) {
+  const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
+  for (const char* group : {"xyz", "opacity"})
+    if (is_frozen(frozen, group) && !s.refine.empty())
+      fail(ErrorKind::usage,
+           "freeze = '{}': relocation and growth change {}; switch them off with refine = 0:0:1", s.freeze,
+           group);
+}
+
+std::vector<std::string_view> keys_used(unsigned uses) {
+  std::vector<std::string_view> keys;
+  for (const Field<S>& field : train_fields())
+    if (field.uses & uses) keys.emplace_back(field.key);
+  return keys;
+}
+
+void validate(const TrainSettings& s) {
+  if (s.alpha_min > 0 && s.alpha_min < kMinAlphaMin)
+    fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kMinAlphaMin);
+  if (s.dim != kAutoInt) {
+    check_variant(s.dim, s.variant);
+    check_freeze(s);
+  }
+  if (s.far_plane <= s.near_plane)
+    fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
+  const bool sky = s.background.learnt == Background::Learnt::sky || !s.background.harmonics.empty();
+  if (sky && s.refine_cameras != RefineCameras::none)
+    fail(ErrorKind::usage, "refine_cameras does not know the gradient of a sky: choose background = learn");
+  evaluation_interval(s);
+  checkpoint_interval(s);
+  pyramid_steps(s);
+  share_points(s);
+  if (s.refine.first > s.refine.end || s.refine.step < 1)
+    fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, not falling", to_string(s.refine));
+  if (s.frames.empty())
+    fail(ErrorKind::usage, "frames = {} has no frame: END must be above FIRST", to_string(s.frames));
+}
+
+static RunInterval run_interval(const char* key, const std::string& text) {
+  const bool by_time = text.ends_with('s');
+  double value = -1;
+  const char* const end = text.data() + text.size() - (by_time ? 1 : 0);
+  const auto result = std::from_chars(text.data(), end, value);
+  if (result.ec != std::errc() || result.ptr != end || !(value >= 0) || value > 1e9 ||
+      (!by_time && value != std::floor(value)))
+    fail(ErrorKind::usage, "{} = '{}' must be iterations such as 500, or seconds such as 300s", key, text);
+  return by_time ? RunInterval{0, value} : RunInterval{static_cast<int>(value), 0};
+}
+
+RunInterval evaluation_interval(const TrainSettings& s) { return run_interval("eval_every", s.eval_every); }
+RunInterval checkpoint_interval(const TrainSettings& s) {
+  return run_interval("checkpoint_every", s.checkpoint_every);
+}
+
+// Takes a number from the front of the text, with the character that must follow it.
+template <typename T>
+static bool take_number(const char*& at, const char* end, char closing, T& value) {
+  const auto result = std::from_chars(at, end, value);
+  if (result.ec != std::errc()) return false;
+  at = result.ptr;
+  if (at == end) return closing == ',';  // none follows the last one
+  return *at++ == closing && (closing != ',' || at != end);
+}
+
+std::vector<SharePoint> share_points(const TrainSettings& s) {
+  std::vector<SharePoint> points;
+  const char* at = s.work_shares.data();
+  const char* const end = at + s.work_shares.size();
+  while (at != end) {
+    SharePoint point;
+    const SharePoint before = points.empty() ? SharePoint{} : points.back();
+    if (!take_number(at, end, ':', point.iteration) || !take_number(at, end, ',', point.share) ||
+        point.iteration <= before.iteration || !(point.share > before.share) || !(point.share <= 1))
+      fail(ErrorKind::usage,
+           "work_shares must be rising iterations, each with the rising share of the work that is done after "
+           "it, such as 90:0.05,200:0.1; or empty. It goes wrong behind '{}:{}'",
+           before.iteration, before.share);
+    points.push_back(point);
+  }
+  if (points.empty()) return points;
+  const SharePoint last = points.back();
+  if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
+    fail(ErrorKind::usage,
+         "work_shares belongs to a number of iterations: with a share of {} after iteration {} it is not of "
+         "a run of {}; give both, or neither",
+         last.share, last.iteration, s.iterations);
+  return points;
+}
+
+std::string to_string(const std::vector<SharePoint>& points) {
+  std::string text;
+  for (const SharePoint& point : points)
+    text += fmt::format("{}{}:{}", text.empty() ? "" : ",", point.iteration, point.share);
+  return text;
+}
+
+std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
+  std::vector<PyramidStep> steps;
+  const char* at = s.pyramid.data();
+  const char* const end = at + s.pyramid.size();
+  while (at != end) {
+    PyramidStep step;
+    const PyramidStep before = steps.empty() ? PyramidStep{kMaxPyramidFactor + 1, 0} : steps.back();
+    if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
+        step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
+      fail(ErrorKind::usage,
+           "pyramid = '{}' must be falling factors from {} to 2, each with the share of the iterations where "
+           "it ends, such as 4:0.2,2:0.5; or empty",
+           s.pyramid, kMaxPyramidFactor);
+    steps.push_back(step);
+  }
+  return steps;
+}
+
+}  // namespace ubs

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// YamlReader reads a flat YAML file of settings. Every error (Error(data)) names file:line:column, and
+// unknown or repeated keys are errors. load_yaml of settings.hpp is the short form.
+#pragma once
+
+#include <yaml-cpp/yaml.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "host/scene/settings.hpp"
+
+namespace ubs {
+
+struct YamlEntry {
+  std::string key, where;  // where: "file:line:column" of the key
+  YAML::Node value;
+};
+
+class YamlReader {
+ public:
+  explicit YamlReader(std::filesystem::path path);  // parses the file
+
+  const YAML::Node& root() const { return root_; }
+
+  // All entries in the order of the file. `what` names the mapping in messages.
+  std::vector<YamlEntry> entries(const YAML::Node& node, const std::string& what) const;
+  // The scalar as it stands in the file; a sequence of scalars as "a,b,c".
+  std::string text(const YamlEntry& entry) const;
+  // Sets `fields` as the file says, and returns the keys. An empty file sets nothing.
+  std::vector<std::string> set(FieldValues fields) const;
+
+ private:
+  std::string where(const YAML::Node& node) const;  // "file:line:column"
+
+  std::filesystem::path path_;
+  YAML::Node root_;
+};
+
+}  // namespace ubs

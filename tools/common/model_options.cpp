@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/model_options.hpp"
+
+#include <algorithm>
+#include <tuple>
+
+#include "host/api/open_data.hpp"
+#include "host/base/error.hpp"
+#include "host/base/paths.hpp"
+#include "host/look/report/run_record.hpp"
+#include "host/scene/settings.hpp"
+#include "host/train/checkpoint.hpp"
+#include "tools/common/output.hpp"
+#include "tools/common/run_folder.hpp"
+
+namespace ubs::tools {
+namespace {
+
+// How a data set is opened, as a tuple of references.
+constexpr auto reading_of = [](auto& s) {
+  return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
+};
+
+}  // namespace
+
+ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
+    : settings(app, std::move(keys)) {
+  add_model_option(app, "model,--model", model)->required();
+  app.add_option("data,--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
+      ->type_name("DIR|FILE");
+  split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
+  add_device_option(app, device);
+}
+
+LoadedModel ModelOptions::load() const {
+  settings.resolve();
+  if (split_given() && data.empty()) fail(ErrorKind::usage, "--split is of data: name them after the model");
+  return open_model(model);
+}
+
+void add_device_option(CLI::App& app, std::string& device) {
+  app.add_option("--device", device,
+                 "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; cuda:1 and "
+                 "opencl:NAME look in one back end only [UBS_DEVICE, else the first GPU]")
+      ->type_name("DEVICE");
+}
+
+CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
+                              const std::string& help) {
+  return app.add_option(name, model, help)
+      ->type_name("FILE|DIR")
+      ->transform(CLI::Validator(
+          [](std::string& path) -> std::string {
+            if (!is_folder(path)) return {};
+            const RunFolder run(path);
+            if (!path_exists(run.model()))
+              return fmt::format("{}: no model.ply in this folder{}", path,
+                                 path_exists(run.checkpoint()) ? "; the run is not finished" : "");
+            path = run.model().string();
+            return {};
+          },
+          ""));
+}
+
+void read_as(TrainSettings& settings, const RunData& run) {
+  if (run.settings) reading_of(settings) = reading_of(*run.settings);
+}
+
+RunData use_run_data(const std::string& model, std::string& data) {
+  const std::filesystem::path folder = std::filesystem::path(model).parent_path();
+  const bool in_run = !model.empty() && path_exists(RunFolder(folder).metrics());
+  if (!in_run && !data.empty()) return {};
+  if (!in_run && !path_exists(model)) fail(ErrorKind::data, "{}: no such file or folder", model);
+  if (!in_run)
+    fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
+         model);
+  RunRecord run = read_run(folder.empty() ? "." : folder);
+  const auto print = run.number({"data_print"});
+  RunData result{run.settings, {}};
+  const auto trained_on = [&](const std::filesystem::path& place) {
+    result.opened = open_undecoded(place, run.settings);
+    const Split* const train = result.opened->data.find("train");
+    return train && fingerprint(*train) == static_cast<std::uint32_t>(*print);
+  };
+  if (!data.empty()) {
+    try {
+      if (!print || !trained_on(data)) return {};
+    } catch (const Error&) {  // other data; what is wrong with them is said where they are used
+      return {};
+    }
+    const TrainSettings usual;
+    if (reading_of(run.settings) != reading_of(usual))
+      remark("ubs: {} is what the run was trained on, and is read as it was then\n", data);
+    return result;
+  }
+  const std::string named = run.text({"data"});
+  std::string why = "is gone";
+  for (const std::filesystem::path& place : data_places(named, folder)) {
+    if (!path_exists(place)) continue;
+    why = "holds other cameras, names or images than the run was trained on";
+    try {
+      if (print && !trained_on(place)) continue;
+    } catch (const Error& error) {  // something else of this name; the run's may be at the next place
+      if (error.kind() != ErrorKind::data) throw;
+      why = fmt::format("cannot be used ({})", error.what());
+      continue;
+    }
+    data = place.string();
+    remark("ubs: data of the run: {}\n", data);
+    return result;
+  }
+  fail(ErrorKind::data, "the data folder of the run ('{}') {}: name the data after the model", named, why);
+}
+
+TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
+                               const std::string& path, const RunData& run) {
+  TrainSettings base = noted_settings(model.notes, path);
+  read_as(base, run);
+  const std::vector<FieldValue> fields = bind_fields(base, train_fields());
+  TrainSettings settings = options.resolve(base);
+  if (settings.background.learnt != Background::Learnt::no) settings.background = base.background;
+  const std::vector<FieldValue> chosen = bind_fields(settings, train_fields());
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const bool noted = std::ranges::any_of(model.notes.drawing,
+                                           [&](const auto& note) { return note.first == fields[i].key; });
+    if (const std::string now = field_text(chosen[i]), then = field_text(fields[i]); noted && now != then)
+      remark("ubs: drawn with {} = {}; the model was learnt with {}\n", fields[i].key, now, then);
+  }
+  return settings;
+}
+
+}  // namespace ubs::tools

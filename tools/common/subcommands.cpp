@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/common/subcommands.hpp"
+
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdlib>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "host/base/error.hpp"
+#include "host/base/text.hpp"
+#include "host/base/warning.hpp"
+#include "host/device/registry.hpp"
+#include "host/scene/settings.hpp"
+#include "tools/common/help.hpp"
+#include "tools/common/job.hpp"
+#include "tools/common/program_version.hpp"
+#include "tools/common/streams.hpp"
+
+namespace ubs::tools {
+namespace {
+
+constexpr const char* kEnvironment =
+    "Environment: UBS_DEVICE (as --device), UBS_KERNEL_DIR (kernel sources from disk), UBS_SYNC=1 (wait\n"
+    "after every kernel and name the one that fails), UBS_TUNING=off (ignore what `ubs-lab tune` stored),\n"
+    "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
+    "UBS_KERNEL_CACHE (where compiled kernels are kept, PoCL's among them; off: nowhere),\n"
+    "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
+    "UBS_CHECK=off (take devices that were not checked, or failed: docs/check.md).";
+
+const Program* running = nullptr;  // set once, by run_program()
+
+int report(std::string message, int code) {
+  std::replace(message.begin(), message.end(), '\n', ' ');
+  message = fmt::format("{}: error: {}{}\n", running->name, error_prefix(),
+                        encode_text(message));  // names may hold anything
+  std::cerr << message << std::flush;           // in one piece: other ranks have the same stderr
+  return end_with_error(code);
+}
+
+int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
+                       const std::vector<std::string>& arguments) {
+  const int code = exit_code(ErrorKind::usage);
+  const auto used = root.get_subcommands();
+  if (used.empty() && !arguments.empty() && !arguments.front().starts_with('-'))
+    return report(unknown_subcommand(root, arguments.front()), code);
+  const CLI::App* app = used.empty() ? &root : used.front();
+  const bool unknown = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
+  return report(fmt::format("{}{} (see '{} --help')", error.what(),
+                            unknown ? suggest_option(*app, arguments) : "", full_name(*app)),
+                code);
+}
+
+// Others would do, and write, everything as often as there are ranks.
+void check_ranks(const CLI::App& command, const CommandEntry& entry) {
+  if (ranks().size() > 1 && !entry.runs_on_ranks)
+    fail(ErrorKind::usage, "'{}' is a command of one process: leave out mpirun", full_name(command));
+}
+
+int run(int argc, char** argv) {
+  join();
+  CLI::App root(running->description, running->name);
+  root.set_version_flag("--version", version_line(running->name));
+  root.footer(fmt::format("\n{}\n{}", running->exit_codes, kEnvironment));
+  root.require_subcommand(1);
+  prepare_help(root);
+  std::vector<Command> commands;
+  for (const CommandEntry& entry : running->commands) {
+    commands.push_back(entry.add(root));
+    explain_command(root, commands.back(), entry);
+  }
+  // An option takes one word, a list its commas: what comes behind it is a folder or a model.
+  for (const Command& command : commands)
+    for (CLI::Option* option : command.app->get_options()) {
+      if (option->get_positional()) continue;
+      option->allow_extra_args(false);
+      if (option->get_delimiter() != '\0')
+        option->expected(1)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)->allow_extra_args(false);
+    }
+  if (argc == 1) {
+    say("{}", root.help());
+    return 0;
+  }
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  try {
+    root.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return root.exit(error);  // --help, --version
+    return report_parse_error(error, root, arguments);
+  }
+  for (std::size_t i = 0; i < commands.size(); ++i)
+    if (commands[i].app->parsed()) {
+      check_ranks(*commands[i].app, running->commands[i]);
+      return commands[i].run();
+    }
+  fail(ErrorKind::internal, "no subcommand ran");
+}
+
+int run_reporting_errors(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const ReaderGone&) {
+    return exit_code(ErrorKind::data);
+  } catch (const std::exception& exception) {
+    const Error error = as_error(exception);
+    return report(error.what(), exit_code(error.kind()));
+  }
+}
+
+void log_to_stderr(LogLevel level, const std::string& text) {
+  if (!ranks().first()) return;  // the first one says the same
+  if (level == LogLevel::warning)
+    remark("{}: warning: {}\n", running->name, encode_text(text));
+  else if (isatty(STDERR_FILENO) == 1)
+    remark("{}: {}\n", running->name, encode_text(text));
+}
+
+// Only the executable changes the environment: the library may run in a process that others share. What the
+// user has set stays.
+void prepare_environment() {
+  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);  // OpenCV's EXR decoder is disabled by default
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);   // encoders write to stderr; ubs reports their errors itself
+  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",      // a second barrier beside that of host/data/video.cpp
+         "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
+  keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
+}
+
+}  // namespace
+
+int run_program(const Program& program, int argc, char** argv) {
+  running = &program;
+  prepare_environment();
+  prepare_streams();
+  set_log(log_to_stderr);
+  std::string complaint;
+  const int code = finish_streams(run_reporting_errors(argc, argv), complaint);
+  if (!complaint.empty()) return report(complaint, code);
+  leave();
+  return code;
+}
+
+}  // namespace ubs::tools
