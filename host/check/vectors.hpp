@@ -15,7 +15,7 @@
 namespace ubs::check {
 
 // What both sides, the build and the check, take as given.
-inline constexpr std::size_t kSplats = 144;
+inline constexpr std::size_t kSplats = 160;
 inline constexpr int kWidth = 31, kHeight = 27;
 inline constexpr float kTarget = 0.5f;  // of all pixels
 inline constexpr std::uint64_t kDrawSeed = 123456789012345u, kDrawIteration = 900;

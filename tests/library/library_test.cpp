@@ -52,7 +52,7 @@ std::string output_of(const std::string& command) {
 }
 
 void run_ubs(const std::string& arguments) {
-  output_of(ubs::test::program_of(arguments) + " " + arguments + " 2>&1");
+  output_of(std::string(UBS_EXECUTABLE) + " " + arguments + " 2>&1");
 }
 
 // A small data set of the executable, made once.
@@ -271,7 +271,7 @@ TEST_CASE("data of arrays are those of the folder, and gradients and pictures th
     CHECK(norm(values) > 0);
   }
 
-  run_ubs("gradients --view 1 --out " + (out / "gradient.ply") + common);
+  output_of(UBS_LAB_EXECUTABLE + (" gradients --view 1 --out " + (out / "gradient.ply") + common + " 2>&1"));
   std::vector<float> target;
   for (const std::uint8_t v : opened.image("test", 1)) target.push_back(static_cast<float>(v) / 255.0f);
   const ubs::Model gradient(model);
