@@ -4,8 +4,9 @@
 
 #ifdef _WIN32
 #define UBS_READ_ONLY ".section .rdata,\"dr\"\n"
-#else
-#define UBS_READ_ONLY ".section .rodata,\"a\"\n"
+#else  // not to be seen outside of the shared library, whose functions begin with ubs_
+#define UBS_READ_ONLY \
+  ".hidden ubs_check_vectors_begin\n.hidden ubs_check_vectors_end\n.section .rodata,\"a\"\n"
 #endif
 __asm__(UBS_READ_ONLY
         ".global ubs_check_vectors_begin\n"
