@@ -33,12 +33,12 @@ enum class OnNan { stop, rollback, drop, off };
 struct ReadSettings {
   std::string layout = "auto";       // of the data folder (host/data/load_dataset.cpp); auto: by content
   std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
-  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
+  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
   int downscale = 1;                 // images are reduced by this factor on load
   int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
-  IndexRange frames;                 // of videos
   int image_cache_mb = 4096;         // images beyond it are decoded when needed
-  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
+  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
+  IndexRange frames;                 // of videos
   bool allow_outside = false;  // read what the data name outside of their folder: links, absolute paths, ..
   bool operator==(const ReadSettings&) const = default;
 };

@@ -57,7 +57,7 @@ void put_trained(const TempFolder& folder) {
 
 TEST_CASE("cli: help and version") {
   const TempFolder folder;
-  for (const char* command : {"", "train", "render", "eval", "info", "synth", "gradients", "devices"}) {
+  for (const char* command : {"", "train", "render", "eval", "info", "synth", "devices"}) {
     const Result result = ubs_ok(folder, fmt::format("{} --help-all", command));
     CHECK(result.out.find(fmt::format("Usage: ubs{}{}", *command ? " " : "", command)) != std::string::npos);
     CHECK(result.out.find("Exit codes: 0 success") != std::string::npos);

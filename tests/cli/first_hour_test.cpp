@@ -353,14 +353,18 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   // A dimension without time is the user's choice, and said to be one.
   CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err,
              Contains("N = 6 has none: what moves is blurred"));
-  ubs_ok(folder, "report sets/data-ubs --out page.html");
-  const std::string page = get(folder / "page.html");
-  const std::size_t rest = page.find("Settings at their default");
-  REQUIRE(rest != std::string::npos);
-  CHECK(page.find("<code>iterations</code>") < rest);  // was set
+  // The report marks what was set, and not what the data decided.
+  const json record = json::parse(ubs_ok(folder, "report sets/data-ubs --json").out);
+  const json& run = record["runs"].at(0);
+  const auto by_data = [&](const std::string& key) {
+    const json& chosen = run["metrics"]["chosen"];
+    return std::find(chosen.begin(), chosen.end(), json(key)) != chosen.end();
+  };
+  CHECK(run["settings"]["iterations"] != record["defaults"]["iterations"]);
+  CHECK_FALSE(by_data("iterations"));
   for (const char* key : {"dim", "conditioning", "init_extent", "cap_max", "noise_lr", "lr_opacity"}) {
     INFO(key);
-    CHECK(page.find(fmt::format("<code>{}</code>", key)) > rest);
+    CHECK((by_data(key) || run["settings"][key] == record["defaults"][key]));
   }
 }
 
@@ -637,14 +641,15 @@ TEST_CASE("a report shows the worst view and remarks on what is wrong") {
 TEST_CASE("doctor: one page with a verdict") {
   const TempFolder folder;
   const Result page = ubs_ok(folder, "devices --doctor --device cpu");
-  for (const char* part : {"version ", "GiB free", "compiled kernels", "stages against float64: right", "verdict "})
+  for (const char* part :
+       {"version ", "GiB free", "compiled kernels", "stages against float64: right", "verdict "})
     CHECK_THAT(page.out, Contains(part));
   const Result broken = run_ubs(folder, "devices --doctor --json --device nosuchdevice");
   CHECK(broken.code == 4);
   put(folder / "file", "");
   const Result remark = test::run_command(
-      folder, fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' devices --doctor --json --device cpu",
-                          UBS_EXECUTABLE));
+      folder,
+      fmt::format("UBS_TUNING_DIR=$PWD/file/x '{}' devices --doctor --json --device cpu", UBS_EXECUTABLE));
   REQUIRE(remark.code == 0);
   const json doctor = json::parse(remark.out);
   CHECK(doctor["well"] == true);

@@ -61,7 +61,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   // Support radii were written as Gaussian sigmas, and a DBS file as 3DGS.
   for (const char* arguments : {"d.ply o.spz", "d.ply o.ply --to 3dgs"})
     check_error(folder, fmt::format("convert {}", arguments), 2, "convert it to a .ply first");
-  check_error(folder, "convert g.ply o.ply --to dbs", 2, "a DBS file holds Beta splats");
+  check_error(folder, "convert g.ply o.ply --to dbs", 2, "3DGS PLY holds Gaussians, and DBS PLY Beta splats");
   ubs_ok(folder, "convert d.ply by_way.ply");
   ubs_ok(folder, "convert by_way.ply by_way.spz");
   CHECK(read_foreign_splats(folder / "by_way.spz").count() == 1);
