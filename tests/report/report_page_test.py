@@ -64,12 +64,17 @@ def one_run(page, folder, run):
     names = texts(page, "#measurements tbody th")
     assert metrics["test"]["views"][0]["name"] in names and "raster_backward" in names, names
 
-    # Charts show values under the pointer, and change their axis.
+    # Charts show values under the pointer, and change their axis. The pointer does not wait for smooth scrolling.
+    page.run("document.documentElement.style.scrollBehavior = 'auto'")
     page.run("document.getElementById('curves').scrollIntoView()")
     chart = "Chart.getChart(document.querySelector('.plot canvas'))"
-    x, y = page.run(f"(b => [b.left + b.width / 2, b.top + b.height / 2])({chart}.canvas.getBoundingClientRect())")
-    page.mouse("mouseMoved", x, y)
-    until(page, f"{chart}.tooltip.opacity > 0")
+    deadline, moves = time.time() + 300, 0
+    while not page.run(f"{chart}.tooltip.opacity > 0"):
+        assert time.time() < deadline, "no values are shown under the pointer"
+        x, y = page.run(f"(b => [b.left + b.width / 2, b.top + b.height / 2])({chart}.canvas.getBoundingClientRect())")
+        page.mouse("mouseMoved", x + moves % 9, y)
+        moves += 1
+        time.sleep(0.1)
     assert page.run(f"{chart}.tooltip.title[0]").startswith("iteration "), page.run(f"{chart}.tooltip.title")
     page.run("document.querySelectorAll('.choice button')[1].click()")
     assert page.run(f"{chart}.options.scales.x.title.text") == "seconds of training"
