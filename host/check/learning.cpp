@@ -9,8 +9,10 @@ namespace {
 
 // Worst seen, and why there is room above it: docs/check.md.
 constexpr double kGradientBound = 1e-4;
-constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7, kMoment2Bound = 3.6e-7,
-                 kPenaltyBound = 1.1e-7;  // those of tests/stages/optimiser_test.cpp
+constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7,
+                 kMoment2Bound = 3.6e-7;  // those of tests/stages/optimiser_test.cpp
+// 9.5e-8 was seen on CPUs and 1.26e-7 on an H100. The exponential and the division of a card may each be wrong by 3 ulp.
+constexpr double kPenaltyBound = 1e-6;
 
 struct State {
   std::vector<float> params, moment1, moment2;
