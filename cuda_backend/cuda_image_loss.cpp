@@ -5,13 +5,14 @@
 
 #include "cuda_backend/grid.hpp"
 #include "host/device/operation_checks.hpp"
+#include "host/device/stage_sizes.hpp"
 
 namespace ubs::cuda {
 
 ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
   Maps maps;
-  maps.pitch = shape.pitch() + 2 * kLossMapMargin;
-  maps.plane = maps.pitch * (shape.rows() + 2 * kLossRadius);
+  maps.pitch = shape.pitch() + stage_sizes::kMapMargin;
+  maps.plane = maps.pitch * (shape.rows() + 2 * stage_sizes::kLossRadius);
   if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
   reserve(device_, maps_, "loss maps", 9 * static_cast<std::size_t>(maps.plane));
   maps_.zero();
@@ -22,27 +23,26 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
 void ImageLossKernels::run(const ImageLoss& loss) {
   check_image_loss(loss);
   const ImageShape& s = loss.shape;
-  const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
-                  blocks(static_cast<std::uint64_t>(s.rows()), kLossTileY), 3};
-  const std::size_t tiles = std::size_t{grid.x} * grid.y;
-  reserve(device_, tile_sums_, "loss tile sums", 3 * tiles * 4);
+  const unsigned across = blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
+                 tiles = across * blocks(static_cast<std::uint64_t>(s.rows()), stage_sizes::kLossTileRows);
+  reserve(device_, tile_sums_, "loss tile sums", 3 * std::size_t{tiles} * 4);
   const bool gradient = loss.v_image.size > 0;
   const LossKernels& kernels = loss.mask.size > 0 ? masked_ : plain_;
   const Maps maps = gradient ? prepare(s) : Maps{};
   const BufferView<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
   const BufferView<float> floats = loss.target.size > 0 ? BufferView<float>{} : loss.target_float;
   const float limit = std::numeric_limits<float>::max();
-  device_.launch("loss_window", gradient ? kernels.window_with_maps : kernels.window, grid, kLossBlock,
-                 loss.image, bytes, floats, s.width, s.height, s.pitch(), s.rows(),
-                 loss.clamp ? 0.0f : -limit, loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane,
-                 tile_sums_.view(), loss.mask);
+  constexpr int first_channel = 0, channels = 3;
+  device_.launch("loss_window", kernels.window, channels * tiles, kLossBlock, loss.image, bytes, floats, s.width,
+                 s.height, s.pitch(), s.rows(), first_channel, channels, loss.clamp ? 0.0f : -limit,
+                 loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view(), loss.mask);
   if (gradient) {
     const float values = 3.0f * counted_pixels(loss);
     const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
                 ssim = loss.lambda_dssim * loss.scale / values;
-    device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
-                   s.height, s.pitch(), s.rows(), l1, ssim, maps_.view(), maps.pitch, maps.plane,
-                   loss.v_image, loss.mask);
+    device_.launch("loss_gradient", kernels.gradient, channels * tiles, kLossBlock, loss.image, bytes, floats,
+                   s.width, s.height, s.pitch(), s.rows(), first_channel, channels, l1, ssim, maps_.view(),
+                   maps.pitch, maps.plane, loss.v_image, loss.mask);
   }
   device_.launch("loss_total", kernels.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
                  counted_pixels(loss), loss.sums, loss.sums_offset);

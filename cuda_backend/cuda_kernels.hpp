@@ -79,21 +79,15 @@ RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();
 
-// loss_kernels.cu: one block a tile of one channel, grid (tiles across, tiles down, 3).
-constexpr unsigned kLossBlock = 256, kLossTotalBlock = 9 * 64;
-constexpr int kLossTileX = 32, kLossTileY = 16, kLossRadius = 5, kLossMapMargin = 16;
+// loss_kernels.cu: kernels/gpu/loss.cl, one block a tile of one channel.
+constexpr unsigned kLossBlock = 256, kLossTotalBlock = 192;
+constexpr int kLossTileX = 32;
 struct LossKernels {
-  using Window = Kernel<void(const float* image, const u8* target, const float* target_float, int width,
-                             int height, int pitch, int rows, float low, float high, float* maps,
-                             int map_pitch, int map_plane, float* tile_sums, const u8* mask)>;
-  Window window, window_with_maps;
-  Kernel<void(const float* image, const u8* target, const float* target_float, int width, int height,
-              int pitch, int rows, float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-              int map_plane, float* v_image, const u8* mask)>
-      gradient;
+  Kernel<LossWindowKernel> window;
+  Kernel<LossGradientKernel> gradient;
   Kernel<LossTotalKernel> total;
 };
-LossKernels loss_kernels(bool masked);  // without: the mask is not looked at
+LossKernels loss_kernels(bool with_mask);  // false: the mask is not looked at
 
 // loss_kernels.cu as well, one thread an element: kernels/map/appearance.cl and appearance_step.cl.
 using AppearanceTable = KernelTable<MapColoursKernel, MapColoursVjpKernel, RowSumsKernel,

@@ -15,18 +15,18 @@ namespace {
 // clang-format off
 #include "cuda_backend/raster_program.cuh"
 #if !UBS_DEPTH
-#include "cuda_backend/raster_weights.cuh"
+#include "kernels/gpu/weights.cl"
 #endif
 // clang-format on
 
-static_assert(kSumThreads == static_cast<int>(kSumBlock));
+static_assert(UBS_SUM_GROUP_GPU == kSumBlock);
 
 }  // namespace
 
 #if UBS_DEPTH
-RasterKernels raster_kernels_depth() { return {raster_forward, raster_backward, sum_slots}; }
+RasterKernels raster_kernels_depth() { return {raster_gpu_forward, raster_gpu_backward, sum_slots_scalar}; }
 #else
-RasterKernels raster_kernels_plain() { return {raster_forward, raster_backward, sum_slots}; }
+RasterKernels raster_kernels_plain() { return {raster_gpu_forward, raster_gpu_backward, sum_slots_scalar}; }
 WeightKernels weight_kernels_plain() { return {measure_weights}; }
 #endif
 

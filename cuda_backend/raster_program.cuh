@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots as one program: raster_forward, raster_backward, sum_slots.
+// The rasterisers and the sum over slots as one program: raster_gpu_forward, raster_gpu_backward, sum_slots_scalar.
+#define UBS_TOGETHER 3
+#define UBS_SUM_GROUP_GPU 256
 // clang-format off
-#include "kernels/map/list_segments.h"
-#include "cuda_backend/tile_raster.cuh"
-#include "cuda_backend/raster_forward.cuh"
+#include "kernels/gpu/words.h"
+#include "kernels/gpu/exchange.h"
+#include "kernels/gpu/list_segments.h"
+#include "kernels/gpu/tile.h"
+#include "kernels/gpu/raster_forward.cl"
 #if !UBS_FORWARD_ONLY
-#include "cuda_backend/raster_visit.cuh"
-#include "cuda_backend/raster_backward.cuh"
-#include "cuda_backend/sum_slots.cuh"
+#include "kernels/dialect/slot_pieces.h"
+#include "kernels/gpu/raster_backward.cl"
+#include "kernels/gpu/sum_slots.cl"
 #endif
 // clang-format on

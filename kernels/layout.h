@@ -99,7 +99,7 @@ enum {
 
 // ---- Tiles ----
 enum { kTileSide = 16 };  // [px]
-// Entries of a tile's list that a group of the backward rasteriser takes (map/list_segments.h); a multiple of 256.
+// Entries of a tile's list that a group of the backward rasteriser takes (gpu/list_segments.h); a multiple of 256.
 enum { kListSegment = 512 };
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu

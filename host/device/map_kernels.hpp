@@ -69,6 +69,14 @@ using RasterForwardKernel = void(const float* records, const u32* sorted_ids, co
 using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                   const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                   const u16* masks, float* weights);
+using LossWindowKernel = void(const float* image, const u8* target, const float* target_float, int width,
+                              int height, int pitch, int rows, int first_channel, int channels, float low,
+                              float high, float* maps, int map_pitch, int map_plane, float* tile_sums,
+                              const u8* mask);
+using LossGradientKernel = void(const float* image, const u8* target, const float* target_float, int width,
+                                int height, int pitch, int rows, int first_channel, int channels,
+                                float weight_l1, float weight_ssim, const float* maps, int map_pitch,
+                                int map_plane, float* v_image, const u8* mask);
 using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
 
 using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);

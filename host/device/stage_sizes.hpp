@@ -27,11 +27,11 @@ inline constexpr std::uint32_t kRadixBits = 8;      // the bins are the work-ite
 // Maps of the loss have a margin of zeros: so many columns, of which 21 left, and the radius of the window in
 // rows above and below.
 inline constexpr int kMapMargin = 48, kLossRadius = 5;
-inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/opencl/loss.cl
+inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
 // CPUs: pixels up to which all channels are one launch (measured: host/opencl/image_loss.cpp).
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 
-// GPUs, which go through lists in segments (kernels/map/list_segments.h): how many numbers the segments may
+// GPUs, which go through lists in segments (kernels/gpu/list_segments.h): how many numbers the segments may
 // have, and floats of the states of pixels in front of them.
 constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
   return tiles + intersections / kListSegment;

@@ -117,7 +117,7 @@ struct RasterForward {  // method.md 2.6
               // may change: those it reaches while they are open, at least every block where it is
               // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
   // out, list_state_floats(intersections) of stage_sizes.hpp: pixels in front of the segments of lists
-  // (kernels/map/list_segments.h). RasterKind::cpu and forward only: empty
+  // (kernels/gpu/list_segments.h). RasterKind::cpu and forward only: empty
   BufferView<float> states;
 };
 

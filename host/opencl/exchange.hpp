@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// By what work-items of a wave exchange values without memory (kernels/opencl/exchange.h).
+// By what work-items of a wave exchange values without memory (kernels/gpu/exchange.h).
 #pragma once
 
 #include <string_view>

@@ -10,7 +10,7 @@
 namespace ubs::opencl {
 namespace {
 
-// As in kernels/opencl/loss.cl.
+// As in kernels/gpu/loss.cl.
 constexpr std::size_t kTotalGroup = 192;
 
 BufferView<std::uint8_t> bytes_of(const ImageLoss& loss) {
@@ -33,7 +33,7 @@ std::size_t tile_width(const OpenclDevice& device, unsigned width) {
 }
 
 ProgramSpec program(unsigned width, std::size_t tile_x, bool masked) {
-  ProgramSpec spec{{"math/loss.h", "opencl/loss.cl"},
+  ProgramSpec spec{{"math/loss.h", "gpu/words.h", "gpu/loss.cl"},
                    {"-DUBS_VW=" + std::to_string(width),
                     (width == 1 ? "-DUBS_LOSS_TILE_GPU=" : "-DUBS_LOSS_TILE=") + std::to_string(tile_x)}};
   if (masked) spec.options.push_back("-DUBS_LOSS_MASK=1");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stage ImageLoss on OpenCL: L1 + SSIM of an image against its target and the gradient, in two passes
-// over tiles (kernels/opencl/loss.cl). Scratch: three float planes a channel in flight.
+// over tiles (kernels/gpu/loss.cl). Scratch: three float planes a channel in flight.
 #pragma once
 
 #include "host/opencl/core_groups.hpp"

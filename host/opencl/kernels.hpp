@@ -52,16 +52,8 @@ inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slo
 inline constexpr Declared<MeasureWeightsKernel> kMeasureWeights{"measure_weights"};
 
 // ---- Image loss ----
-inline constexpr Declared<void(const float* image, const u8* target, const float* target_float, int width,
-                               int height, int pitch, int rows, int first_channel, int channels, float low,
-                               float high, float* maps, int map_pitch, int map_plane, float* tile_sums,
-                               const u8* mask)>
-    kLossWindow{"loss_window"};
-inline constexpr Declared<void(const float* image, const u8* target, const float* target_float, int width,
-                               int height, int pitch, int rows, int first_channel, int channels,
-                               float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-                               int map_plane, float* v_image, const u8* mask)>
-    kLossGradient{"loss_gradient"};
+inline constexpr Declared<LossWindowKernel> kLossWindow{"loss_window"};
+inline constexpr Declared<LossGradientKernel> kLossGradient{"loss_gradient"};
 inline constexpr Declared<LossTotalKernel> kLossTotal{"loss_total"};
 
 // ---- Prefix sums ----

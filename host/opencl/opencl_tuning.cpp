@@ -15,10 +15,10 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_PREFETCH_DISTANCE", 12, {4, 8, 16, 24, 32}, "opencl/raster_cpu.cl", cpu, {"raster_backward"}},
       // Primes, or 1, which is what the host says where cores choose their groups (core_groups.hpp).
       {"UBS_SCATTER", 31, {1, 101, 211}, "opencl/raster_cpu.cl", cpu, {"raster_forward", "raster_backward"}},
-      {"UBS_SUM_GROUP", 64, {16, 32, 128, 256}, "opencl/sum_slots.cl", cpu, {"sum_slots"}},
+      {"UBS_SUM_GROUP", 64, {16, 32, 128, 256}, "opencl/slot_sum.cl", cpu, {"sum_slots"}},
       // Multiples of 16; 26 + 64 rows of the width + 16 floats must fit into local memory.
-      {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "opencl/loss.cl", cpu, {"image_loss"}},
-      {"UBS_LOSS_STRIP", 4, {2, 8}, "opencl/loss.cl", cpu, {"image_loss"}},
+      {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "gpu/loss.cl", cpu, {"image_loss"}},
+      {"UBS_LOSS_STRIP", 4, {2, 8}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
       // Small distances look as good at the tuner's 100K splats and cost most at 3M.
       {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
@@ -33,14 +33,14 @@ const std::vector<TunedConstant>& tuned_constants() {
        gpu,
        {"project_forward", "project_backward"}},
       // Multiples of 32, at most the 256 work-items of a tile.
-      {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
-      {"UBS_BACKWARD_TURN", 32, {16}, "opencl/raster_gpu.cl", gpu, {"raster_backward"}},
+      {"UBS_BACKWARD_BATCH", 128, {32, 64, 256}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
+      {"UBS_BACKWARD_TURN", 32, {16}, "gpu/raster_backward.cl", gpu, {"raster_backward"}},
       // Where work-items can exchange values the host says by what, unless it is tuned to 0; elsewhere always
       // 0.
-      {"UBS_SUBGROUPS", 0, {0, 1}, "opencl/exchange.h", gpu, {"raster_backward"}},
-      {"UBS_SUM_GROUP_GPU", 64, {32, 128, 256}, "opencl/sum_slots.cl", gpu, {"sum_slots"}},
-      {"UBS_LOSS_TILE_GPU", 32, {16, 48, 64}, "opencl/loss.cl", gpu, {"image_loss"}},
-      {"UBS_LOSS_GROUP", 128, {64, 256}, "opencl/loss.cl", gpu, {"image_loss"}},
+      {"UBS_SUBGROUPS", 0, {0, 1}, "gpu/exchange.h", gpu, {"raster_backward"}},
+      {"UBS_SUM_GROUP_GPU", 64, {32, 128, 256}, "gpu/sum_slots.cl", gpu, {"sum_slots"}},
+      {"UBS_LOSS_TILE_GPU", 32, {16, 48, 64}, "gpu/loss.cl", gpu, {"image_loss"}},
+      {"UBS_LOSS_GROUP", 128, {64, 256}, "gpu/loss.cl", gpu, {"image_loss"}},
   };
   return all;
 }

@@ -15,17 +15,17 @@ constexpr std::size_t kGpuGroup = kTileSide * kTileSide;  // one work-item a pix
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
+// What all programs with a rasteriser share; for CPUs it is the rasteriser itself.
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                            bool pieces = false) {
   const unsigned width = on_cpu(config) ? device.vector_width() : 1;
-  ProgramSpec spec{{"dialect/entry.h", "math/elementary.h", "math/blend.h", "math/cull.h", "opencl/lanes.h",
-                    "opencl/slot_pieces.h"},
+  ProgramSpec spec{{"dialect/entry.h", "dialect/slot_pieces.h", "math/elementary.h", "math/blend.h", "math/cull.h",
+                    "opencl/lanes.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (on_cpu(config)) {
-    spec.sources.insert(spec.sources.end(), {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
+    append(spec.sources, {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
   } else {
-    spec.sources.insert(spec.sources.end(),
-                        {"map/list_segments.h", "opencl/exchange.h", "opencl/raster_gpu.cl"});
+    append(spec.sources, {"gpu/words.h", "gpu/exchange.h", "gpu/tile.h"});
     append(spec.options, exchange_options(device, exchange));
   }
   if (pieces) spec.options.push_back("-DUBS_SLOT_PIECES=1");
@@ -37,16 +37,16 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
 ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                          bool pieces = false) {
   ProgramSpec spec = raster_program(device, config, exchange, pieces);
-  if (config.backward) append(spec.sources, {"opencl/slot_sum.h", "map/slot_value.h", "opencl/sum_slots.cl"});
+  if (!on_cpu(config)) append(spec.sources, {"gpu/list_segments.h", "gpu/raster_forward.cl"});
+  if (config.backward && on_cpu(config)) spec.sources.push_back("opencl/slot_sum.cl");
+  if (config.backward && !on_cpu(config)) append(spec.sources, {"gpu/raster_backward.cl", "gpu/sum_slots.cl"});
   return spec;
 }
 
-// The functions of the rasteriser for CPUs, whatever the device draws with.
 ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
-  config.raster = RasterKind::cpu;
   config.depth = false;
   ProgramSpec spec = raster_program(device, config, Exchange::none);
-  spec.sources.push_back("opencl/weights.cl");
+  spec.sources.push_back(on_cpu(config) ? "opencl/weights.cl" : "gpu/weights.cl");
   return spec;
 }
 
@@ -165,7 +165,8 @@ void Raster::run(const SumSlots& work) {
 
 void Raster::run(const MeasureWeights& work) {
   check_weights(work);
-  weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles())}, {1}, work.records,
+  const std::size_t items = on_cpu(config_) ? 1 : kGpuGroup;  // a tile
+  weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles()) * items}, {items}, work.records,
                             work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                             work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,
                             work.weights);

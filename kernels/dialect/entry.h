@@ -6,6 +6,7 @@
 #define UBS_KERNEL __kernel
 #define UBS_GLOBAL __global
 #define UBS_GLOBAL_ID(d) ((uint)get_global_id(d))
+#define ubs_group_id() ((uint)get_group_id(0))
 #define ubs_count(pointer) atomic_inc(pointer)
 #define ubs_mul_hi64(a, b) mul_hi(a, b)
 #else
@@ -15,6 +16,7 @@
 #define UBS_GLOBAL
 #define UBS_GLOBAL_ID(d) \
   ((d) == 0 ? blockIdx.x * blockDim.x + threadIdx.x : blockIdx.y * blockDim.y + threadIdx.y)
+#define ubs_group_id() (blockIdx.x)
 typedef unsigned int uint;
 typedef unsigned short ushort;
 typedef unsigned char uchar;
@@ -32,7 +34,7 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 // that all its items go through from the first on: nothing for one item.
 #ifndef UBS_CORES
 #define UBS_CORE_PARAMETERS
-#define UBS_CORE_GROUP ((uint)get_group_id(0))
+#define UBS_CORE_GROUP ubs_group_id()
 #define UBS_CORE_FIRST_ITEM UBS_GLOBAL_ID(0)
 #define UBS_CORE_ITEMS(item)
 #endif

@@ -334,7 +334,7 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 }
 #endif
 
-// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.h makes a gradient of them. At 16 lanes
+// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.cl makes a gradient of them. At 16 lanes
 // the three groups of four are folded together: 31 instead of 39 instructions, and one store instead of four
 // (backward 4% faster). What follows the ten sums is of no meaning.
 UBS_FN float16 fold_sums(BlendSums s) {

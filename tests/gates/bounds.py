@@ -48,10 +48,10 @@ BOUNDS = {
     # nvcc and ptxas 13.0
     "cuda_sm_90": {
         # Of three splats.
-        "raster_forward": {"registers": 60, "visit": 144, "narrow": 11},
-        "raster_backward": {"registers": 42, "visit": 142, "narrow": 13},
+        "raster_gpu_forward": {"registers": 60, "visit": 144, "narrow": 11},
+        "raster_gpu_backward": {"registers": 42, "visit": 142, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
-        "sum_slots": {"registers": 36, "instructions": 730, "narrow": 150},
+        "sum_slots_scalar": {"registers": 36, "instructions": 730, "narrow": 150},
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
         "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},
     },

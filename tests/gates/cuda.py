@@ -7,7 +7,7 @@ from collections import Counter
 import gate
 import sass
 
-SOURCES = {"raster_kernels": ["raster_forward", "raster_backward", "measure_weights", "sum_slots"],
+SOURCES = {"raster_kernels": ["raster_gpu_forward", "raster_gpu_backward", "measure_weights", "sum_slots_scalar"],
            "map_kernels": ["project_forward", "project_backward"]}
 
 
@@ -24,13 +24,13 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
                   f"{root}/cuda_backend/raster_kernels.cu", "-o", binary])
         functions = sass.functions(gate.run([nvdisasm, "-c", binary]))
         found = {kernel: set().union(*(sass.transmittances(code) for name, code in functions.items() if kernel in name))
-                 for kernel in ("raster_forward", "raster_backward")}
+                 for kernel in ("raster_gpu_forward", "raster_gpu_backward")}
         # Forward blends several splats one after the other: behind the last one it has computed that of all of them.
-        forward, backward = max(found["raster_forward"], key=len), min(found["raster_backward"], key=len)
+        forward, backward = max(found["raster_gpu_forward"], key=len), min(found["raster_gpu_backward"], key=len)
         splats = forward.count("MUFU.EX2")
         counts = ", ".join(f"{n} {opcode}" for opcode, n in Counter(forward).items())
         print(f"sm_{architecture}: transmittance in forward, of {splats} splats: {counts}")
-        if len(found["raster_backward"]) != 1 or Counter(forward) != Counter(backward * splats):
+        if len(found["raster_gpu_backward"]) != 1 or Counter(forward) != Counter(backward * splats):
             print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_backward'])}")
             bad.append(architecture)
     return bad

@@ -33,12 +33,12 @@ std::vector<T> read(Device& device, BufferView<T> view) {
   return values;
 }
 
-// The path: "opencl/exchange.h" or another file in its place. Slots of mask 0 stay as they were.
+// The path: "gpu/exchange.h" or another file in its place. Slots of mask 0 stay as they were.
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
-  ProgramSpec spec{{"math/blend.h", "math/cull.h", "opencl/lanes.h", "opencl/slot_pieces.h",
-                    "map/list_segments.h", exchange, "opencl/raster_gpu.cl"},
+  ProgramSpec spec{{"dialect/slot_pieces.h", "math/blend.h", "math/cull.h", "opencl/lanes.h", "gpu/words.h", exchange,
+                    "gpu/list_segments.h", "gpu/tile.h", "gpu/raster_backward.cl"},
                    options};
   spec.options.push_back("-DUBS_VW=1");
   Kernel kernel = device.kernel(spec, "raster_gpu_backward");
@@ -75,7 +75,7 @@ TEST_CASE("sums by exchange between lanes are those through local memory") {
     REQUIRE(std::count_if(masks.begin(), masks.begin() + static_cast<std::ptrdiff_t>(pairs),
                           [](std::uint16_t mask) { return mask != 0; }) > 1000);
     auto& opened = dynamic_cast<OpenclDevice&>(*device);
-    const std::vector<float> portable = backward_by(opened, work, "opencl/exchange.h", {"-DUBS_SUBGROUPS=0"});
+    const std::vector<float> portable = backward_by(opened, work, "gpu/exchange.h", {"-DUBS_SUBGROUPS=0"});
     REQUIRE(std::ranges::any_of(portable, [](float v) { return v != 0; }));
     INFO(device->info().name);
     for (const unsigned lanes : {16u, 32u}) {
@@ -90,7 +90,7 @@ TEST_CASE("sums by exchange between lanes are those through local memory") {
       if (own == Exchange::none) continue;
       Options options = exchange_options(opened, own);
       options.push_back(turn);
-      CHECK(backward_by(opened, work, "opencl/exchange.h", options) == portable);
+      CHECK(backward_by(opened, work, "gpu/exchange.h", options) == portable);
     }
   }
 }

@@ -57,8 +57,8 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
 }
 
 TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
-  for (const char* name : {"opencl/raster_cpu.cl", "opencl/raster_gpu.cl", "opencl/sum_slots.cl",
-                           "opencl/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
+  for (const char* name : {"opencl/raster_cpu.cl", "gpu/raster_backward.cl", "opencl/slot_sum.cl", "gpu/sum_slots.cl",
+                           "gpu/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
     const std::string text = kernel_source(name);
     const std::regex pattern("#ifndef (UBS_\\w+)\n#define UBS_\\w+ \\d+");
     for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern); it != std::sregex_iterator();
@@ -142,7 +142,7 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
     CHECK(options == std::vector<std::string>{"-DUBS_VW=16", "-DUBS_CHUNK=32"});
     CHECK(opened.tuned({{"map/adam.cl"}, {}}).options.empty());
     // What the host has decided stays.
-    CHECK(opened.tuned({{"opencl/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
+    CHECK(opened.tuned({{"gpu/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
     save_tuning(devices[i], tuned_constants(), RasterKind::cpu, {});
   }
 }

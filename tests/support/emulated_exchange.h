@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// kernels/opencl/exchange.h for devices whose work-items cannot exchange values: the group is one wave, and what
+// kernels/gpu/exchange.h for devices whose work-items cannot exchange values: the group is one wave, and what
 // lanes hand over passes through local memory. All work-items must take part, as in a wave of NVIDIA.
 
 __attribute__((always_inline)) static inline float emulated_xor(__local float* handed, float mine, int distance) {
@@ -24,6 +24,7 @@ __attribute__((always_inline)) static inline int emulated_any(__local float* han
 #define UBS_EXCHANGE_PARAMETER , __local float *handed
 #define UBS_EXCHANGE_ARGUMENT , handed
 #define UBS_WAVES
+#define UBS_BALLOT 0
 #define ubs_item() ((int)get_local_id(0))
 #define lane_xor8(x) emulated_xor(handed, x, 8)
 #define lane_xor4(x) emulated_xor(handed, x, 4)

@@ -127,6 +127,11 @@ inline unsigned atomicMax(unsigned* at, unsigned value) {
   *at = before < value ? value : before;
   return before;
 }
+inline unsigned atomicOr(unsigned* at, unsigned bits) {
+  const unsigned before = *at;
+  *at |= bits;
+  return before;
+}
 inline unsigned atomicAdd(unsigned* at, unsigned value) {
   const unsigned before = *at;
   *at += value;

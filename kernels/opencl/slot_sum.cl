@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient of a projected splat from the sums over pixels that raster_cpu.cl leaves in its slots, one slot a tile that it
+// CPUs: gradient of a projected splat from the sums over pixels that raster_cpu.cl leaves in its slots, one slot a tile that it
 // reaches: their sum in slot order, then the factors of blend_factors, which are the same in every tile. Slots of mask 0
 // were never written: they may hold anything, NaN included. They are read and cleared by AND: neither a mispredicted
 // branch nor a gap in the stream (1.4x faster than skipping them where half are unwritten).
@@ -25,4 +25,31 @@ UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
   float8 factors = (float8)(f.xp, f.yq, f.square, f.square, f.square, 1.0f, UBS_LN2, 1.0f);
   float8 across = (float8)(0.0f, f.yp, 0.0f, 0.0f, (float4)(0.0f));
   return (float16)(sums.lo * factors + sums.lo.s10325476 * across, sums.s89, (float2)(0.0f), (float4)(0.0f));
+}
+
+#ifndef UBS_SUM_GROUP
+#define UBS_SUM_GROUP 64
+#endif
+
+#ifdef UBS_CORES
+enum { kSumItems = 1 };
+#else
+enum { kSumItems = UBS_SUM_GROUP };
+#endif
+
+// One work-item a splat, a slot is one vector.
+__kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_vector(
+    uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
+    UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
+    __global float* v_records UBS_CORE_PARAMETERS) {
+  uint splat = UBS_CORE_FIRST_ITEM;
+  UBS_CORE_ITEMS(splat) {
+    if (splat >= count) return;
+    uint first = slot_offsets[splat], last = first + tile_counts[splat];
+    float16 gradient = (float16)(0.0f);
+    if (last > first)  // else it is not drawn, and its record may be anything
+      gradient =
+          gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), vload16(splat, records));
+    vstore16(gradient, splat, v_records);
+  }
 }

@@ -2,8 +2,15 @@
 // Gradient slots as arguments of a kernel: one buffer, or, with UBS_SLOT_PIECES, where one allocation of the device
 // does not hold them, up to eight of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and
 // functions that have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
+// CUDA has one buffer.
 #pragma once
 
+#ifndef UBS_OPENCL
+#define UBS_SLOTS(type) type slots
+#define UBS_SLOT_ARGUMENTS slots
+#define UBS_SLOT_IN_PIECE(slot) (slot)
+#define UBS_SLOT_PIECE(slot) slots
+#else
 #define UBS_SLOTS(type)                                                                                   \
   type slots0, type slots1, type slots2, type slots3, type slots4, type slots5, type slots6, type slots7, \
       uint slot_bits
@@ -19,4 +26,5 @@
 #else
 #define UBS_SLOT_IN_PIECE(slot) (slot)
 #define UBS_SLOT_PIECE(slot) slots0
+#endif
 #endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h). A work-group takes one
 // tile of one channel: the window sums are separable, columns first into local memory, then rows.
-// CPU: one work-item of UBS_VW lanes a group; GPU (UBS_VW = 1): LOSS_GROUP work-items share the loops.
+// CPU: one work-item of UBS_VW lanes a group; GPU (UBS_VW = 1): LOSS_GROUP work-items share the loops. OpenCL and CUDA.
 //
 // loss_window      image, target -> sums of the tile; where a gradient is wanted also the three maps
 //                  of ssim_point, one channel plane each, padded with zeros by the window's radius
@@ -40,9 +40,11 @@
 #if LOSS_GROUP == 1
 #define LOSS_PART LOSS_STRIP
 #define LOSS_BARRIER
+#define LOSS_TEAM 1
 #else
+#define LOSS_TEAM 16  // work-items that add what those of a group have summed
 #define LOSS_PART LOSS_TILE_Y
-#define LOSS_BARRIER barrier(CLK_LOCAL_MEM_FENCE);
+#define LOSS_BARRIER UBS_BARRIER();
 #endif
 #define LOSS_STRIP \
   UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
@@ -55,7 +57,7 @@
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (3 * LOSS_SHARES)
 
-__constant real kWindow[kSsimTaps] = UBS_SSIM_WEIGHTS;
+UBS_CONSTANT real kWindow[kSsimTaps] = UBS_SSIM_WEIGHTS;
 
 typedef struct {
   int width, height, pitch, rows, channel;
@@ -63,18 +65,18 @@ typedef struct {
 
 // The target is 8 bit where `bytes` is given, else float; its planes are not padded.
 typedef struct {
-  __global const float* image;
-  __global const uchar* bytes;
-  __global const float* values;
+  UBS_GLOBAL const float* image;
+  UBS_GLOBAL const uchar* bytes;
+  UBS_GLOBAL const float* values;
   float low, high;             // the image is clamped to this range
-  __global const uchar* mask;  // with UBS_LOSS_MASK: one plane for all channels, not padded
+  UBS_GLOBAL const uchar* mask;  // with UBS_LOSS_MASK: one plane for all channels, not padded
 } LossPixels;
 
 typedef struct {
   vreal u, v;
 } LossPair;
 
-static inline LossPixels channel_pixels(LossPixels p, LossShape s) {
+UBS_FN LossPixels channel_pixels(LossPixels p, LossShape s) {
   size_t plane = (size_t)s.channel * s.width * s.height;
   p.image += (size_t)s.channel * s.pitch * s.rows;
   if (p.bytes) p.bytes += plane;
@@ -82,12 +84,12 @@ static inline LossPixels channel_pixels(LossPixels p, LossShape s) {
   return p;
 }
 
-static inline real target_at(LossPixels p, LossShape s, int x, int y) {
+UBS_FN real target_at(LossPixels p, LossShape s, int x, int y) {
   size_t i = (size_t)y * s.width + x;
   return p.bytes ? (real)p.bytes[i] * R(0.00392156862745098) : p.values[i];
 }
 
-static inline bool pixel_counts(LossPixels p, LossShape s, int x, int y) {
+UBS_FN bool pixel_counts(LossPixels p, LossShape s, int x, int y) {
   bool inside = x >= 0 && x < s.width && y >= 0 && y < s.height;
 #ifdef UBS_LOSS_MASK
   return inside && p.mask[(size_t)y * s.width + x] != 0;
@@ -97,7 +99,7 @@ static inline bool pixel_counts(LossPixels p, LossShape s, int x, int y) {
 #endif
 }
 
-static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
+UBS_FN LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
   LossPair pair;
   image = image < (vreal)(p.low) ? (vreal)(p.low) : image;
   image = image > (vreal)(p.high) ? (vreal)(p.high) : image;
@@ -108,7 +110,7 @@ static inline LossPair make_pair(vreal image, vreal target, LossPixels p, real s
 
 #if UBS_VW > 1
 // What `pixels`, of columns from - by .. on, has from column `from` on, with zeros beside it.
-static inline vreal shifted(vreal pixels, int by) {
+UBS_FN vreal shifted(vreal pixels, int by) {
   real lanes[3 * UBS_VW];
   UBS_STORE(V(0.0), lanes);
   UBS_STORE(pixels, lanes + UBS_VW);
@@ -121,7 +123,7 @@ typedef struct {
 } LossLanes;
 
 // UBS_VW pixels from (x, y) on, all in the image; what does not count is zero.
-static inline LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
+UBS_FN LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
   size_t i = (size_t)y * s.width + x;
   LossLanes lanes;
   lanes.target =
@@ -137,7 +139,7 @@ static inline LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
 #endif
 
 // UBS_VW pixels from (x, y) on; what does not count is zero.
-static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
+UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
   if (!row) return make_pair(V(0.0), V(0.0), p, shift);
@@ -163,7 +165,7 @@ static inline LossPair load_pair(LossPixels p, LossShape s, int x, int y, real s
 }
 
 // All bits set for lanes whose pixel has a window of its own.
-static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
+UBS_FN vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
   vmask inside = ubs_lane_indices((uint)x) < (vuint)((uint)(y < s.height ? s.width : 0));
 #ifdef UBS_LOSS_MASK
   real counts[UBS_VW];
@@ -176,7 +178,7 @@ static inline vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
 }
 
 // Sum of the lanes in a fixed order.
-static inline real sum_lanes(vreal value) {
+UBS_FN real sum_lanes(vreal value) {
   real lanes[UBS_VW];
   UBS_STORE(value, lanes);
   for (int width = UBS_VW / 2; width > 0; width /= 2)
@@ -185,14 +187,20 @@ static inline real sum_lanes(vreal value) {
 }
 
 // Vectors that cover `columns` pixels with the window's halo on both sides.
-static inline int halo_vectors(int columns) { return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW; }
+UBS_FN int halo_vectors(int columns) { return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW; }
+
+// Columns of a tile that are gone through. Groups take all of them, which spares them divisions by a variable; what lies
+// beyond the pitch they skip.
+UBS_FN int tile_columns(int x0, int pitch) {
+  return LOSS_GROUP > 1 ? LOSS_TILE_X : ubs_min(LOSS_TILE_X, pitch - x0);
+}
 
 // ---- Window sums and the point formula ----
 
 #if UBS_VW > 1
 // A row of a tile from column `left` on: what the image has, from `begin` to `end`, at its place among zeros.
-static inline void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors,
-                            real shift, __local real* u, __local real* v) {
+UBS_FN void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors,
+                            real shift, UBS_LOCAL real* u, UBS_LOCAL real* v) {
   LossPair nothing = make_pair(V(0.0), V(0.0), p, shift);
   bool row = y >= 0 && y < s.height;
   if (!row) begin = end = left;
@@ -214,8 +222,8 @@ static inline void load_row(LossPixels p, LossShape s, int left, int begin, int 
 }
 #endif
 
-static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
-                             __local real* u, __local real* v) {
+UBS_FN void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, real shift,
+                             UBS_LOCAL real* u, UBS_LOCAL real* v) {
 #if LOSS_GROUP == 1 && UBS_VW > 1
   int left = x0 - kSsimRadius, begin = max(left, 0), end = min(left + vectors * UBS_VW, s.width);
   if (end - begin >= UBS_VW) {
@@ -225,7 +233,7 @@ static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vect
     return;
   }
 #endif
-  for (int item = get_local_id(0); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
+  for (int item = ubs_local_id(); item < LOSS_ROWS * vectors; item += LOSS_GROUP) {
     int row = item / vectors, column = (item - row * vectors) * UBS_VW;
     LossPair pair = load_pair(p, s, x0 + column - kSsimRadius, y0 + row - kSsimRadius, shift);
     UBS_STORE(pair.u, u + row * LOSS_COLUMNS + column);
@@ -235,19 +243,19 @@ static inline void load_tile(LossPixels p, LossShape s, int x0, int y0, int vect
 
 // Of LOSS_PART rows, u and v from the first row of their windows on. means: four planes of LOSS_PART x
 // LOSS_COLUMNS.
-static inline void sum_columns(__local const real* u, __local const real* v, int vectors,
-                               __local real* means) {
-  for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+UBS_FN void sum_columns(UBS_LOCAL const real* u, UBS_LOCAL const real* v, int vectors,
+                               UBS_LOCAL real* means) {
+  for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
     int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
     vreal sum_u[LOSS_STRIP], sum_v[LOSS_STRIP], sum_uu[LOSS_STRIP], sum_vv[LOSS_STRIP];
-#pragma unroll
+UBS_UNROLL
     for (int k = 0; k < LOSS_STRIP; ++k) sum_u[k] = sum_v[k] = sum_uu[k] = sum_vv[k] = V(0.0);
-#pragma unroll
+UBS_UNROLL
     for (int t = 0; t < LOSS_STRIP + 2 * kSsimRadius; ++t) {
       vreal pu = UBS_LOAD(u + (row + t) * LOSS_COLUMNS + column);
       vreal pv = UBS_LOAD(v + (row + t) * LOSS_COLUMNS + column);
       vreal uu = pu * pu, vv = pv * pv;
-#pragma unroll
+UBS_UNROLL
       for (int k = 0; k < LOSS_STRIP; ++k) {
         if (t < k || t - k >= kSsimTaps) continue;
         vreal w = (vreal)(kWindow[t - k]);
@@ -257,9 +265,9 @@ static inline void sum_columns(__local const real* u, __local const real* v, int
         sum_vv[k] += w * vv;
       }
     }
-#pragma unroll
+UBS_UNROLL
     for (int k = 0; k < LOSS_STRIP; ++k) {
-      __local real* out = means + (row + k) * LOSS_COLUMNS + column;
+      UBS_LOCAL real* out = means + (row + k) * LOSS_COLUMNS + column;
       UBS_STORE(sum_u[k], out);
       UBS_STORE(sum_v[k], out + LOSS_PART * LOSS_COLUMNS);
       UBS_STORE(sum_uu[k], out + 2 * LOSS_PART * LOSS_COLUMNS);
@@ -269,7 +277,7 @@ static inline void sum_columns(__local const real* u, __local const real* v, int
 }
 
 // The window from each of UBS_VW columns on of a row of sums.
-static inline vreal sum_window(__local const real* row) {
+UBS_FN vreal sum_window(UBS_LOCAL const real* row) {
   vreal sum = V(0.0);
 #if UBS_VW == 16 && defined(UBS_POCL)
   // Two loads of whole cache lines and shifts between them: eleven loads would cross a line in ten cases.
@@ -291,14 +299,14 @@ static inline vreal sum_window(__local const real* row) {
   LOSS_TAP(10)
 #undef LOSS_TAP
 #else
-#pragma unroll
+UBS_UNROLL
   for (int k = 0; k < kSsimTaps; ++k) sum += (vreal)(kWindow[k]) * UBS_LOAD(row + k);
 #endif
   return sum;
 }
 
 // means: of the first column of the windows.
-static inline SsimMeans sum_row(__local const real* means) {
+UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
   SsimMeans m;
   m.u = sum_window(means);
   m.v = sum_window(means + LOSS_PART * LOSS_COLUMNS);
@@ -309,9 +317,9 @@ static inline SsimMeans sum_row(__local const real* means) {
 
 // Target in the middle of the tile: near the pixels' value wherever they vary little, and only there
 // does the choice matter (see SsimMeans). What does not count must not choose.
-static inline real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
-  int x = min(x0 + LOSS_TILE_X / 2, s.width - 1);
-  int y = min(y0 + LOSS_TILE_Y / 2, s.height - 1);
+UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
+  int x = ubs_min(x0 + LOSS_TILE_X / 2, s.width - 1);
+  int y = ubs_min(y0 + LOSS_TILE_Y / 2, s.height - 1);
   if (!pixel_counts(p, s, x, y)) return R(0.5);  // with a mask
   return target_at(p, s, x, y);
 }
@@ -322,7 +330,7 @@ typedef struct {
   int x, y, across, plane;
 } LossTile;
 
-static inline LossTile loss_tile(uint group, int pitch, int channels) {
+UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
   LossTile tile;
   tile.across = (pitch + LOSS_TILE_X - 1) / LOSS_TILE_X;
   tile.x = (int)group % tile.across;
@@ -332,15 +340,15 @@ static inline LossTile loss_tile(uint group, int pitch, int channels) {
 }
 
 // tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
-__kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_window(
-    __global const float* image, __global const uchar* target, __global const float* target_float, int width,
+UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
+    UBS_GLOBAL const float* image, UBS_GLOBAL const uchar* target, UBS_GLOBAL const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float low, float high,
-    __global float* maps, int map_pitch, int map_plane, __global float* tile_sums,
-    __global const uchar* mask UBS_CORE_PARAMETERS) {
-  __local __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
-  __local __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
-  __local __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
-  __local real shares[3 * LOSS_GROUP];
+    UBS_GLOBAL float* maps, int map_pitch, int map_plane, UBS_GLOBAL float* tile_sums,
+    UBS_GLOBAL const uchar* mask UBS_CORE_PARAMETERS) {
+  UBS_SHARED __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
+  UBS_SHARED __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
+  UBS_SHARED __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
+  UBS_SHARED real shares[3 * LOSS_GROUP];
   LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
@@ -348,7 +356,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   LossPixels p = channel_pixels(all, s);
   real shift = tile_shift(p, s, x0, y0);
 
-  int columns = min(LOSS_TILE_X, pitch - x0);
+  int columns = tile_columns(x0, pitch);
   load_tile(p, s, x0, y0, halo_vectors(columns), shift, u, v);
   LOSS_BARRIER
 
@@ -357,7 +365,7 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
   for (int part = 0; part < LOSS_TILE_Y; part += LOSS_PART) {
     sum_columns(u + part * LOSS_COLUMNS, v + part * LOSS_COLUMNS, halo_vectors(columns), means);
     LOSS_BARRIER
-    for (int item = get_local_id(0); item < LOSS_PART * vectors; item += LOSS_GROUP) {
+    for (int item = ubs_local_id(); item < LOSS_PART * vectors; item += LOSS_GROUP) {
       int in_part = item / vectors, row = part + in_part, column = (item - in_part * vectors) * UBS_VW;
       SsimPoint point = ssim_point(sum_row(means + in_part * LOSS_COLUMNS + column), shift);
       vreal difference = UBS_LOAD(v + (row + kSsimRadius) * LOSS_COLUMNS + column + kSsimRadius);
@@ -365,8 +373,8 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
       sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
       sum_ssim += inside ? point.dissimilarity : V(0.0);
       sum_square += inside ? difference * difference : V(0.0);
-      if (map_pitch == 0) continue;
-      __global float* map = maps + (size_t)plane * 3 * map_plane +
+      if (map_pitch == 0 || x0 + column >= pitch) continue;
+      UBS_GLOBAL float* map = maps + (size_t)plane * 3 * map_plane +
                             (size_t)(y0 + row + kSsimRadius) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
       UBS_STORE(inside ? point.mean : V(0.0), map);
       UBS_STORE(inside ? point.square_u : V(0.0), map + map_plane);
@@ -374,15 +382,25 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
     }
   }
 
-  int me = get_local_id(0);
+  int me = ubs_local_id();
   shares[me] = sum_lanes(sum_l1);
   shares[LOSS_GROUP + me] = sum_lanes(sum_ssim);
   shares[2 * LOSS_GROUP + me] = sum_lanes(sum_square);
   LOSS_BARRIER
   size_t index = ((size_t)s.channel * (rows / LOSS_TILE_Y) + tile.y) * tile.across + tile.x;
+#if LOSS_GROUP > 1
+  // One work-item would be at it for as long as all of them need for the tile.
+  for (int i = me; i < 3 * LOSS_TEAM; i += LOSS_GROUP) {
+    UBS_LOCAL real* of_quantity = shares + i / LOSS_TEAM * LOSS_GROUP + i % LOSS_TEAM;
+    real sum = R(0.0);
+    for (int k = 0; k < LOSS_GROUP; k += LOSS_TEAM) sum += of_quantity[k];
+    of_quantity[0] = sum;
+  }
+  LOSS_BARRIER
+#endif
   for (int q = me; q < 3; q += LOSS_GROUP) {
     real sum = R(0.0);
-    for (int i = 0; i < LOSS_GROUP; ++i) sum += shares[q * LOSS_GROUP + i];
+    for (int i = 0; i < LOSS_TEAM; ++i) sum += shares[q * LOSS_GROUP + i];
     tile_sums[index * 4 + q] = sum;
   }
 }
@@ -391,21 +409,22 @@ __kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_windo
 
 // Of LOSS_PART rows. sums: three planes of LOSS_PART x LOSS_COLUMNS. The maps' zero margins stand for the
 // padding.
-static inline void sum_map_columns(__global const float* maps, int map_pitch, int map_plane, int x0, int y0,
-                                   int vectors, __local real* sums) {
-  for (int item = get_local_id(0); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
+UBS_FN void sum_map_columns(UBS_GLOBAL const float* maps, int map_pitch, int map_plane, int x0, int y0, int pitch,
+                            int vectors, UBS_LOCAL real* sums) {
+  for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
     int strip = item / vectors, row = strip * LOSS_STRIP, column = (item - strip * vectors) * UBS_VW;
-    __global const float* map =
+    if (x0 + column >= pitch + 2 * kSsimRadius) continue;
+    UBS_GLOBAL const float* map =
         maps + (size_t)(y0 + row) * map_pitch + LOSS_MAP_MARGIN + x0 - kSsimRadius + column;
     vreal sum0[LOSS_STRIP], sum1[LOSS_STRIP], sum2[LOSS_STRIP];
-#pragma unroll
+UBS_UNROLL
     for (int k = 0; k < LOSS_STRIP; ++k) sum0[k] = sum1[k] = sum2[k] = V(0.0);
-#pragma unroll
+UBS_UNROLL
     for (int t = 0; t < LOSS_STRIP + 2 * kSsimRadius; ++t) {
       vreal m0 = UBS_LOAD(map + (size_t)t * map_pitch);
       vreal m1 = UBS_LOAD(map + (size_t)t * map_pitch + map_plane);
       vreal m2 = UBS_LOAD(map + (size_t)t * map_pitch + 2 * (size_t)map_plane);
-#pragma unroll
+UBS_UNROLL
       for (int k = 0; k < LOSS_STRIP; ++k) {
         if (t < k || t - k >= kSsimTaps) continue;
         vreal w = (vreal)(kWindow[t - k]);
@@ -414,9 +433,9 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
         sum2[k] += w * m2;
       }
     }
-#pragma unroll
+UBS_UNROLL
     for (int k = 0; k < LOSS_STRIP; ++k) {
-      __local real* out = sums + (row + k) * LOSS_COLUMNS + column;
+      UBS_LOCAL real* out = sums + (row + k) * LOSS_COLUMNS + column;
       UBS_STORE(sum0[k], out);
       UBS_STORE(sum1[k], out + LOSS_PART * LOSS_COLUMNS);
       UBS_STORE(sum2[k], out + 2 * LOSS_PART * LOSS_COLUMNS);
@@ -424,28 +443,29 @@ static inline void sum_map_columns(__global const float* maps, int map_pitch, in
   }
 }
 
-__kernel __attribute__((reqd_work_group_size(LOSS_GROUP, 1, 1))) void loss_gradient(
-    __global const float* image, __global const uchar* target, __global const float* target_float, int width,
+UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
+    UBS_GLOBAL const float* image, UBS_GLOBAL const uchar* target, UBS_GLOBAL const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
-    __global const float* maps, int map_pitch, int map_plane, __global float* v_image,
-    __global const uchar* mask UBS_CORE_PARAMETERS) {
-  __local __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
+    UBS_GLOBAL const float* maps, int map_pitch, int map_plane, UBS_GLOBAL float* v_image,
+    UBS_GLOBAL const uchar* mask UBS_CORE_PARAMETERS) {
+  UBS_SHARED __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
   LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
   LossPixels p = channel_pixels(all, s);
   LossWeights weights = {weight_l1, weight_ssim};
-  int columns = min(LOSS_TILE_X, pitch - x0);
+  int columns = tile_columns(x0, pitch);
 
   int vectors = columns / UBS_VW;
   for (int part = 0; part < LOSS_TILE_Y; part += LOSS_PART) {
-    sum_map_columns(maps + (size_t)plane * 3 * map_plane, map_pitch, map_plane, x0, y0 + part,
+    sum_map_columns(maps + (size_t)plane * 3 * map_plane, map_pitch, map_plane, x0, y0 + part, pitch,
                     halo_vectors(columns), sums);
     LOSS_BARRIER
-    for (int item = get_local_id(0); item < LOSS_PART * vectors; item += LOSS_GROUP) {
+    for (int item = ubs_local_id(); item < LOSS_PART * vectors; item += LOSS_GROUP) {
       int in_part = item / vectors, row = part + in_part, column = (item - in_part * vectors) * UBS_VW;
-      __local const real* sum = sums + in_part * LOSS_COLUMNS + column;
+      if (x0 + column >= pitch) continue;
+      UBS_LOCAL const real* sum = sums + in_part * LOSS_COLUMNS + column;
       vreal mean = sum_window(sum), square_u = sum_window(sum + LOSS_PART * LOSS_COLUMNS),
             square_v = sum_window(sum + 2 * LOSS_PART * LOSS_COLUMNS);
       LossPair pair = load_pair(p, s, x0 + column, y0 + row, R(0.0));
@@ -463,7 +483,7 @@ typedef struct {
   real sum, lost;  // lost: what rounding has taken from the sum so far (Kahan)
 } LossSum;
 
-static inline LossSum add_share(LossSum s, real share) {
+UBS_FN LossSum add_share(LossSum s, real share) {
   real corrected = share - s.lost;
   real next = s.sum + corrected;
   s.lost = (next - s.sum) - corrected;
@@ -472,32 +492,32 @@ static inline LossSum add_share(LossSum s, real share) {
 }
 
 // One work-group. Of each channel work-item i adds the tiles i, i + 64, ..., then one the 64 shares of a
-// quantity. The order is that of cuda_backend/loss_kernels.cu.
-__kernel __attribute__((reqd_work_group_size(LOSS_TOTAL_GROUP, 1, 1))) void loss_total(
-    __global const float* tile_sums, int tiles, float pixels, __global float* sums, uint sums_offset) {
-  __local real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
-  int me = get_local_id(0), channel = me / LOSS_SHARES, share = me % LOSS_SHARES;
+// quantity.
+UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
+    UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
+  UBS_SHARED real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
+  int me = ubs_local_id(), channel = me / LOSS_SHARES, share = me % LOSS_SHARES;
   LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
-  __global const float4* of_channel = (__global const float4*)tile_sums + (size_t)channel * tiles;
+  UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
   for (int tile = share; tile < tiles; tile += LOSS_SHARES) {
     float4 tile_sum = of_channel[tile];
     l1 = add_share(l1, tile_sum.x);
     ssim = add_share(ssim, tile_sum.y);
     square = add_share(square, tile_sum.z);
   }
-  __local real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
+  UBS_LOCAL real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
   mine[0] = l1.sum;
   mine[LOSS_SHARES + 1] = ssim.sum;
   mine[2 * (LOSS_SHARES + 1)] = square.sum;
-  barrier(CLK_LOCAL_MEM_FENCE);
+  UBS_BARRIER();
   if (me < 9) {
     LossSum s = {R(0.0), R(0.0)};
     for (int i = 0; i < LOSS_SHARES; ++i) s = add_share(s, shares[me * (LOSS_SHARES + 1) + i]);
     totals[me] = s.sum / pixels;
   }
-  barrier(CLK_LOCAL_MEM_FENCE);
+  UBS_BARRIER();
   if (me > 0) return;
-  __global float* out = sums + sums_offset;
+  UBS_GLOBAL float* out = sums + sums_offset;
   out[0] = (totals[0] + totals[3] + totals[6]) / R(3.0);
   out[1] = R(1.0) - (totals[1] + totals[4] + totals[7]) / R(3.0);
   for (int c = 0; c < 3; ++c) out[2 + c] = totals[3 * c + 2];

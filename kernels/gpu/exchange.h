@@ -1,15 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 // Values of other lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS says by what (host/opencl/exchange.hpp):
-// 0 there is nothing, 1 cl_khr_subgroup_shuffle, 2 NVIDIA's shfl, 3 DPP and ds_swizzle of AMD.
+// 0 there is nothing, 1 cl_khr_subgroup_shuffle, 2 NVIDIA's shfl (always so in CUDA), 3 DPP and ds_swizzle of AMD.
 //   ubs_item()             number of the work-item in its group, by which each 16 neighbours are lanes of one wave
 //   lane_xor8(x) ... 1(x)  x of the lane that differs in this bit of the number, for lanes that take the same way
 //   any_of_wave(condition) whether to go on: where all lanes of a wave must take part in an exchange, whether any will
-// Nothing is known of the size of waves but that it is a multiple of 16.
+//   UBS_BALLOT             1: each 32 neighbours by their local id are a wave, and ballot(condition) has a bit of each
+// Without UBS_BALLOT nothing is known of the size of waves but that it is a multiple of 16.
+#ifndef UBS_OPENCL
+#define UBS_SUBGROUPS 2
+#endif
 #ifndef UBS_SUBGROUPS
 #define UBS_SUBGROUPS 0
 #endif
+#define UBS_BALLOT (UBS_SUBGROUPS == 2)
 
-#if UBS_SUBGROUPS == 1
+#ifndef UBS_OPENCL
+#define lane_xor8(x) __shfl_xor_sync(0xffffffffu, x, 8)
+#define lane_xor4(x) __shfl_xor_sync(0xffffffffu, x, 4)
+#define lane_xor2(x) __shfl_xor_sync(0xffffffffu, x, 2)
+#define lane_xor1(x) __shfl_xor_sync(0xffffffffu, x, 1)
+#define any_of_wave(condition) __any_sync(0xffffffffu, condition)
+#define ballot(condition) __ballot_sync(0xffffffffu, condition)
+
+#elif UBS_SUBGROUPS == 1
 #ifdef cl_khr_subgroups
 #pragma OPENCL EXTENSION cl_khr_subgroups : enable
 #endif
@@ -45,6 +58,13 @@ UBS_FN int any_of_wave(int condition) {
       : "r"(condition));
   return any;
 }
+UBS_FN uint ballot(int condition) {
+  uint lanes;
+  __asm__ volatile("{ .reg .pred p; setp.ne.s32 p, %1, 0; vote.sync.ballot.b32 %0, p, 0xffffffff; }"
+                   : "=r"(lanes)
+                   : "r"(condition));
+  return lanes;
+}
 
 #elif UBS_SUBGROUPS == 3
 // Within rows of 16 lanes: a rotation by 8 and permutations of four. What is 4 apart has an instruction on newer
@@ -58,7 +78,7 @@ UBS_FN int any_of_wave(int condition) {
 #endif
 
 #if UBS_SUBGROUPS != 1
-UBS_FN int ubs_item(void) { return (int)get_local_id(0); }
+UBS_FN int ubs_item(void) { return ubs_local_id(); }
 #endif
 #ifndef UBS_WAVES
 #define UBS_WAVES

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+// Backward rasteriser for GPUs: one group takes one segment of a tile's list (list_segments.h), front to back as in
+// forward (math/blend.h). Splats that no pixel of the tile composites (mask 0) are left out. The ten sums of a splat are
+// taken in a fixed order: over the 16 pixels of a block, then over the blocks. Each pair of tile and splat is written
+// once, to its own slot. No float atomics: the same inputs give the same bits.
+
+// Splats of a batch. Fewer than work-items, to stay below 32 KiB of local memory.
+#ifndef UBS_BACKWARD_BATCH
+#define UBS_BACKWARD_BATCH 128
+#endif
+// Splats whose sums by block are in local memory at a time: 16 or 32. Fewer leave room for more groups, and make more
+// groups wait for their slowest block.
+#ifndef UBS_BACKWARD_TURN
+#define UBS_BACKWARD_TURN 32
+#endif
+
+enum {
+  kBackwardWords = UBS_BACKWARD_BATCH / 32,
+  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange there is room for no more
+  kSums = 10,                                      // of blend_vjp
+  kPlaces = kBlocks + 1,  // of a splat's sums by block: one more than there are blocks, against bank conflicts
+  kParts = kTurn * kPlaces,
+};
+
+typedef struct {
+  float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH];
+  float4 sums[kSums * kParts / 4];  // see sum_place
+  uint blocks[UBS_BACKWARD_BATCH], slots[UBS_BACKWARD_BATCH];
+  float2 colours[UBS_BACKWARD_BATCH];
+  uint hits[kBlocks * kBackwardWords], kept[kBackwardWords];
+#if !UBS_SUBGROUPS
+  float values[kSums * kBlocks * (kLanes + 1)];
+  int places_now[kBlocks];  // of the splats that blocks visit, -1 for none
+#endif
+} BackwardShared;
+
+// Sums over the pixels of the splats of a turn, by block: first all words of sums 0 to 3, then those of 4 to 7, then those
+// of 8 and 9, which have two floats. A sum is float number first + place * step.
+typedef struct {
+  int first, step;
+} SumPlace;
+UBS_FN SumPlace sum_place(int value) {
+  SumPlace p;
+  p.first = value < 8 ? value / 4 * (4 * kParts) + value % 4 : 8 * kParts + (value - 8);
+  p.step = value < 8 ? 4 : 2;
+  return p;
+}
+
+// Both ways to sum ten values over the 16 lanes of a block take the same tree: lanes 8, then 4, 2 and 1 apart.
+#if UBS_SUBGROUPS
+// At each step a lane hands over the half of its values that its partner keeps, so that 11 exchanges do instead of 40.
+// Lane l ends with the sum of value sum_of_lane(l).
+#define UBS_EXCHANGE(low, high, distance) \
+  (((lane & distance) != 0 ? high : low) + lane_xor##distance((lane & distance) != 0 ? low : high))
+UBS_FN float sum_over_block(const float* v, int lane UBS_EXCHANGE_PARAMETER) {
+  float a0 = UBS_EXCHANGE(v[0], v[5], 8), a1 = UBS_EXCHANGE(v[1], v[6], 8), a2 = UBS_EXCHANGE(v[2], v[7], 8);
+  float a3 = UBS_EXCHANGE(v[3], v[8], 8), a4 = UBS_EXCHANGE(v[4], v[9], 8);
+  float b0 = UBS_EXCHANGE(a0, a3, 4), b1 = UBS_EXCHANGE(a1, a4, 4), b2 = UBS_EXCHANGE(a2, 0.0f, 4);
+  float c0 = UBS_EXCHANGE(b0, b2, 2), c1 = UBS_EXCHANGE(b1, 0.0f, 2);
+  return UBS_EXCHANGE(c0, c1, 1);
+}
+// -1: none.
+UBS_FN int sum_of_lane(int lane) {
+  int in_third = lane & 3, third = (lane & 4) != 0 ? 3 : 0;
+  int holds = third == 0 ? in_third < 3 : in_third < 2;
+  return holds ? ((lane & 8) != 0 ? 5 : 0) + third + in_third : -1;
+}
+#else
+// values: of the lanes of a block.
+UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
+  float sums[kLanes / 2];
+  UBS_UNROLL for (int l = 0; l < kLanes / 2; ++l) sums[l] = values[l] + values[l + kLanes / 2];
+  UBS_UNROLL for (int distance = kLanes / 4; distance > 0; distance /= 2)
+    UBS_UNROLL for (int l = 0; l < kLanes / 4; ++l)
+      if (l < distance) sums[l] += sums[l + distance];
+  return sums[0];
+}
+#endif
+
+// Fills the batch with those of the list entries from `at` on that any block composites, in list order, and returns their
+// number. Behind them `blocks` is 0. Without ballot, `kept` must be 0 and is so again afterwards.
+UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_GLOBAL const float* records,
+                      UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
+                      UBS_GLOBAL const ushort* masks, int item) {
+  uint slot = 0, mask = 0;
+  if (item < UBS_BACKWARD_BATCH && at + (uint)item < last) {
+    slot = sorted_slots[at + (uint)item];
+    mask = masks[slot];
+  }
+#if UBS_BALLOT
+  if (item < UBS_BACKWARD_BATCH) {  // the same for a wave
+    uint lanes = ballot(mask != 0);
+    if (item % 32 == 0) shared->kept[item / 32] = lanes;
+  }
+#else
+  if (mask != 0) ubs_atomic_or(&shared->kept[item / 32], 1u << (item % 32));
+#endif
+  UBS_BARRIER();
+  int count = 0, place = 0;
+  UBS_UNROLL for (int word = 0; word < kBackwardWords; ++word) {
+    uint bits = shared->kept[word];
+    int here = ubs_popcount(bits);
+    count += here;
+    if (word < item / 32) place += here;
+    if (word == item / 32) place += ubs_popcount(bits & ((1u << (item % 32)) - 1u));
+  }
+  if (mask != 0) {
+    SplatRecord record = load_record(records, sorted_ids[at + (uint)item]);
+    shared->places[place] = record.place;
+    shared->shapes[place] = record.shape;
+    shared->colours[place] = record.colour;
+    shared->slots[place] = slot;
+    shared->blocks[place] = mask;
+  }
+  if (item >= count && item < UBS_BACKWARD_BATCH) shared->blocks[item] = 0;
+  UBS_BARRIER();
+  turn_blocks(item < UBS_BACKWARD_BATCH ? shared->blocks[item] : 0u, shared->blocks, kBackwardWords, shared->hits, item);
+#if !UBS_BALLOT
+  if (item < kBackwardWords) shared->kept[item] = 0;
+#endif
+  UBS_BARRIER();
+  return count;
+}
+
+// Work-items 0 .. 4 kTurn - 1 add the sums of a turn over blocks, in their order, four values each, and write
+// the gradient of the splat to its slot.
+UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int count, int item,
+                        UBS_SLOTS(UBS_GLOBAL float*)) {
+  int place = item / 4, part = item % 4, k = first + place;
+  if (place >= kTurn || k >= count) return;
+  float4 sum = ubs_float4(0.0f, 0.0f, 0.0f, 0.0f);
+  for (uint blocks = shared->blocks[k]; blocks != 0; blocks &= blocks - 1) {
+    int at = place * kPlaces + lowest_bit32(blocks);
+    if (part < 2) {
+      float4 four = shared->sums[part * kParts + at];
+      sum.x += four.x;
+      sum.y += four.y;
+      sum.z += four.z;
+      sum.w += four.w;
+    } else if (part == 2) {
+      float2 two = ((UBS_LOCAL const float2*)(shared->sums + 2 * kParts))[at];
+      sum.x += two.x;
+      sum.y += two.y;
+    }
+  }
+  BlendFactors f = blend_factors(blend_splat(shared->places[k], shared->shapes[k], shared->colours[k]));
+  if (part == 0)
+    sum = ubs_float4(f.xp * sum.x, f.yp * sum.x + f.yq * sum.y, f.square * sum.z, f.square * sum.w);
+  else if (part == 1)
+    sum = ubs_float4(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
+  uint slot = shared->slots[k];
+  ((UBS_GLOBAL float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kGradStride / 4) + (ulong)part] = sum;
+}
+
+// Blocks visit their splats of a turn, each at its own pace where lanes can exchange values, else all the k-th of theirs
+// together: the sums go through local memory, whose barriers are for all.
+UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
+    UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
+    UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+    UBS_GLOBAL const float* image, UBS_GLOBAL const float* v_image, UBS_GLOBAL const ushort* masks,
+    UBS_GLOBAL const float* states, UBS_SLOTS(UBS_GLOBAL float*)) {
+  UBS_SHARED BackwardShared shared;
+  UBS_EXCHANGE_LOCALS
+  int item = ubs_item();
+  ListSegment segment = list_segment(tile_ranges, tiles_x * tiles_y, ubs_group_id());
+  if (segment.first == segment.last) return;
+  TilePixel pixel = tile_pixel(segment.tile, item, tiles_x, tiles_y, width, height);
+  float4 state = ubs_float4(pixel.inside ? 1.0f : 0.0f, 0.0f, 0.0f, 0.0f);
+  if (segment.number > 0)
+    state = ((UBS_GLOBAL const float4*)states)[(ulong)segment.states * kItems + (ulong)item];
+
+  float v_r = v_image[pixel.index], v_g = v_image[pixel.plane + pixel.index],
+        v_b = v_image[2 * pixel.plane + pixel.index];
+  float remaining = (image[pixel.index] - state.y) * v_r + (image[pixel.plane + pixel.index] - state.z) * v_g +
+                    (image[2 * pixel.plane + pixel.index] - state.w) * v_b;
+  float open = state.x;
+
+#if !UBS_BALLOT
+  if (item < kBackwardWords) shared.kept[item] = 0;
+  UBS_BARRIER();
+#endif
+  for (uint at = segment.first; at < segment.last; at += UBS_BACKWARD_BATCH) {
+    int count = fill_batch(&shared, at, segment.last, records, sorted_ids, sorted_slots, masks, item);
+    for (int turn = 0; turn < count; turn += kTurn) {
+      // The bits of the turn alone.
+      int word = turn / 32;
+      uint shift = (uint)turn % 32, of_turn = 0xffffffffu >> (32 - kTurn);
+      uint bits = shared.hits[pixel.block * kBackwardWords + word] >> shift & of_turn;
+#if UBS_SUBGROUPS
+      SumPlace mine = sum_place(sum_of_lane(pixel.lane));
+      int holds = sum_of_lane(pixel.lane) >= 0;
+      while (any_of_wave(bits != 0)) {
+#else
+      int rounds = 0;
+      for (int i = 0; i < kBlocks; ++i)
+        rounds = max(rounds, ubs_popcount(shared.hits[i * kBackwardWords + word] >> shift & of_turn));
+      for (; rounds > 0; --rounds) {
+#endif
+        int active = bits != 0;
+        int k = active ? lowest_bit32(bits) : 0;
+        bits &= bits - 1;
+        float4 place = shared.places[turn + k];
+        BlendSplat s = blend_splat(place, shared.shapes[turn + k], shared.colours[turn + k]);
+        BlendAlpha a = blend_alpha(s, place.x - pixel.x, place.y - pixel.y);
+        BlendStep step = blend_step(a, open);
+        float left = blend_remaining(s, step, remaining, v_r, v_g, v_b);
+        BlendSums v = blend_vjp(blend_no_sums(), s, a, step, open, left, v_r, v_g, v_b);
+        remaining = active ? left : remaining;
+        open = active ? step.open : open;
+        const float all[kSums] = {v.hp, v.hq, v.hpp, v.hpq, v.hqq, v.opacity, v.log_beta, v.r, v.g, v.b};
+        int to = k * kPlaces + pixel.block;
+#if UBS_SUBGROUPS
+        float sum = sum_over_block(all, pixel.lane UBS_EXCHANGE_ARGUMENT);
+        if (active && holds) ((UBS_LOCAL float*)shared.sums)[mine.first + to * mine.step] = sum;
+#else
+        if (pixel.lane == 0) shared.places_now[pixel.block] = active ? to : -1;
+        UBS_UNROLL for (int i = 0; i < kSums; ++i)
+          shared.values[(i * kBlocks + pixel.block) * (kLanes + 1) + pixel.lane] = all[i];
+        UBS_BARRIER();
+        if (item < kSums * kBlocks && shared.places_now[item % kBlocks] >= 0) {
+          SumPlace mine = sum_place(item / kBlocks);
+          ((UBS_LOCAL float*)shared.sums)[mine.first + shared.places_now[item % kBlocks] * mine.step] =
+              sum_over_lanes(shared.values + item * (kLanes + 1));
+        }
+        UBS_BARRIER();
+#endif
+      }
+      UBS_BARRIER();
+      write_slots(&shared, turn, count, item, UBS_SLOT_ARGUMENTS);
+      UBS_BARRIER();
+    }
+  }
+}

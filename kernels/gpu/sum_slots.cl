@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient of a projected splat = sum of its slots, one slot a tile that it reaches, in slot order.
+// Slots are gradients already. 16 neighbouring work-items are a splat, so that a slot is one coalesced read. A splat of
+// more than kWideSplat slots would take as long as all the others: the group takes kSumParts parts of it side by side,
+// part k every kSumParts-th slot from the k-th on, and adds them in their order.
+
+#ifndef UBS_SUM_GROUP_GPU
+#define UBS_SUM_GROUP_GPU 64
+#endif
+
+enum {
+  kWideSplat = 64,
+  kSumParts = 16,
+};
+
+// Of `count` slots from `first` on every `step`-th. Those of mask 0 were never written: they may hold anything, NaN
+// included.
+UBS_FN float sum_of_value(uint first, uint count, uint step, uint value, UBS_SLOTS(UBS_GLOBAL const float*),
+                          UBS_GLOBAL const ushort* masks) {
+  float sum = 0.0f;
+  for (uint k = 0; k < count; k += step) {
+    uint slot = first + k;
+    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kGradStride + value];
+  }
+  return sum;
+}
+
+UBS_KERNEL UBS_GROUP(UBS_SUM_GROUP_GPU) void sum_slots_scalar(
+    uint count, UBS_GLOBAL const uint* tile_counts, UBS_GLOBAL const uint* slot_offsets,
+    UBS_SLOTS(UBS_GLOBAL const float*), UBS_GLOBAL const ushort* masks, UBS_GLOBAL float* v_records) {
+  UBS_SHARED uint any_wide;
+  UBS_SHARED float parts[kSumParts * kGradStride];
+  const uint teams = UBS_SUM_GROUP_GPU / kGradStride;
+  uint team = (uint)ubs_local_id() / kGradStride, value = (uint)ubs_local_id() % kGradStride;
+  uint first_splat = ubs_group_id() * teams, mine = first_splat + team;
+  uint tiles = mine < count ? tile_counts[mine] : 0;
+  if (ubs_local_id() == 0) any_wide = 0;
+  UBS_BARRIER();
+  if (tiles > kWideSplat) {
+    if (value == 0) ubs_atomic_or(&any_wide, 1u);
+  } else if (mine < count) {
+    v_records[(ulong)mine * kGradStride + value] =
+        sum_of_value(tiles > 0 ? slot_offsets[mine] : 0, tiles, 1, value, UBS_SLOT_ARGUMENTS, masks);
+  }
+  UBS_BARRIER();
+  if (any_wide == 0) return;
+  uint end = count - first_splat < teams ? count : first_splat + teams;
+  for (uint splat = first_splat; splat < end; ++splat) {
+    if (tile_counts[splat] <= kWideSplat) continue;  // the same for the whole group
+    for (uint part = team; part < kSumParts; part += teams)
+      parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, tile_counts[splat] - part,
+                                                       kSumParts, value, UBS_SLOT_ARGUMENTS, masks);
+    UBS_BARRIER();
+    if (team == 0) {
+      float sum = 0.0f;
+      for (int part = 0; part < kSumParts; ++part) sum += parts[part * kGradStride + value];
+      v_records[(ulong)splat * kGradStride + value] = sum;
+    }
+    UBS_BARRIER();
+  }
+}

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the rasterisers for GPUs share. One group is one 16x16 tile, one work-item one pixel. Sixteen neighbouring
+// work-items are a 4x4 block of pixels, and each block visits only the splats whose ellipse reaches it.
+#pragma once
+
+enum {
+  kBlock = 4,
+  kBlocksX = kTileSide / kBlock,
+  kBlocks = kBlocksX * kBlocksX,
+  kLanes = kBlock * kBlock,
+  kItems = kTileSide * kTileSide,
+};
+
+// The pixel of a work-item.
+typedef struct {
+  int block, lane;
+  int left, top;    // corner of the tile [px]
+  int index, plane; // in a plane, of which size
+  float x, y;       // centre [px]
+  int inside;       // of the image
+} TilePixel;
+
+UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int width, int height) {
+  TilePixel p;
+  p.block = item / kLanes;
+  p.lane = item % kLanes;
+  p.left = tile % tiles_x * kTileSide;
+  p.top = tile / tiles_x * kTileSide;
+  int column = p.left + p.block % kBlocksX * kBlock + p.lane % kBlock;
+  int row = p.top + p.block / kBlocksX * kBlock + p.lane / kBlock;
+  int pitch = tiles_x * kTileSide;
+  p.index = row * pitch + column;
+  p.plane = pitch * tiles_y * kTileSide;
+  p.x = (float)column + 0.5f;
+  p.y = (float)row + 0.5f;
+  p.inside = column < width && row < height;
+  return p;
+}
+
+// What blending reads of a record, in words of 16 and 8 bytes, and what is read of it once.
+typedef struct {
+  float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
+  float2 colour;        // g, b
+  float depth, reach;
+} SplatRecord;
+
+UBS_FN SplatRecord load_record(UBS_GLOBAL const float* records, uint splat) {
+  SplatRecord s;
+  UBS_GLOBAL const float4* line = (UBS_GLOBAL const float4*)records + (ulong)splat * (kSplatStride / 4);
+  s.place = line[0];
+  s.shape = line[1];
+  float4 tail = line[2], last = line[3];
+  s.colour.x = tail.x;
+  s.colour.y = tail.y;
+  s.depth = last.x;
+  s.reach = UBS_OPACITY_EXTENTS ? last.y : UBS_SUPPORT;
+  return s;
+}
+
+UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
+  BlendSplat s;
+  s.l00 = place.z;
+  s.l01 = place.w;
+  s.l11 = shape.x;
+  s.opacity = shape.y;
+  s.beta = shape.z;
+  s.r = shape.w;
+  s.g = colour.x;
+  s.b = colour.y;
+  return s;
+}
+
+// Of splats, one a work-item from the first on, `blocks` are the bits of the blocks that each reaches. This turns them
+// into words of blocks: bit k of hits[block * words + word] is splat word * 32 + k. All work-items call it, and a barrier
+// must follow; there are 32 * words splats. all: the blocks of all splats at a multiple of 16 bytes, which only cards
+// without ballot read, after a barrier.
+UBS_FN void turn_blocks(uint blocks, UBS_LOCAL const uint* all, int words, UBS_LOCAL uint* hits, int item) {
+#if UBS_BALLOT
+  (void)all;
+  int lane = item % 32, word = item / 32;
+  if (word >= words) return;  // the same for a wave
+  uint mine = 0;
+  UBS_UNROLL for (int block = 0; block < kBlocks; ++block) {
+    uint of_block = ballot((int)(blocks >> block & 1u));
+    mine = lane == block ? of_block : mine;
+  }
+  if (lane < kBlocks) hits[lane * words + word] = mine;
+#else
+  if (item >= kBlocks * words) return;
+  int block = item % kBlocks, word = item / kBlocks;
+  UBS_LOCAL const uint4* of_word = (UBS_LOCAL const uint4*)all + word * 8;
+  uint bits = 0;
+  UBS_UNROLL for (int i = 0; i < 8; ++i) {
+    uint4 four = (of_word[i] >> (uint)block) & 1u;
+    bits |= (four.x | four.y << 1 | four.z << 2 | four.w << 3) << (4 * i);
+  }
+  hits[block * words + word] = bits;
+#endif
+}

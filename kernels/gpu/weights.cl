@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// What each splat does to the pixels of a tile: its largest blended weight (MeasureWeights of host/device/stages.hpp;
+// opencl/weights.cl is the same for CPUs). One group a tile over the lists of a forward pass. Alphas are those of the
+// rasteriser to the bit. For tools.
+
+enum { kWeightBatch = 32 };  // entries between two barriers
+
+// weights (by slot): max over the tile's pixels of transmittance * alpha. A splat that would finish a pixel counts
+// although it is not composited there: without it the pixel would go on. 0: the image does not depend on the splat.
+UBS_KERNEL UBS_GROUP(kItems) void measure_weights(
+    UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
+    UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
+    UBS_GLOBAL const ushort* masks, UBS_GLOBAL float* weights) {
+  UBS_SHARED uint most[kWeightBatch];  // bits of the largest weight: order of floats that are not negative
+  int item = ubs_local_id(), tile = (int)ubs_group_id();
+  TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
+  uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
+  float open = pixel.inside ? 1.0f : 0.0f;
+  for (uint at = first; at < last; at += kWeightBatch) {
+    uint entries = last - at < kWeightBatch ? last - at : kWeightBatch;
+    if (item < kWeightBatch) most[item] = 0;
+    UBS_BARRIER();
+    for (uint k = 0; k < entries; ++k) {
+      if ((masks[sorted_slots[at + k]] >> pixel.block & 1) == 0) continue;
+      SplatRecord s = load_record(records, sorted_ids[at + k]);
+      BlendAlpha a = blend_alpha(blend_splat(s.place, s.shape, s.colour), s.place.x - pixel.x, s.place.y - pixel.y);
+      float weight = open * a.alpha;
+      open = blend_step(a, open).open;
+      if (weight > 0.0f) ubs_atomic_max(&most[k], ubs_as_uint(weight));
+    }
+    UBS_BARRIER();
+    if (item < (int)entries) weights[sorted_slots[at + (uint)item]] = ubs_as_float(most[item]);
+    UBS_BARRIER();
+  }
+}

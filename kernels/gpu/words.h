@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// The words of kernels whose work-items cooperate on a card: groups, local memory, barriers. One source is compiled as
+// OpenCL C and as CUDA C++ (there a group is a block, a work-item a thread, a wave a warp of 32).
+//   UBS_GROUP(n)      behind UBS_KERNEL: the kernel runs in groups of n work-items
+//   UBS_SHARED        declares a variable in local memory, in a kernel; UBS_LOCAL: address space of a pointer to it
+//   UBS_BARRIER()     for all work-items of the group, and of what they wrote to local memory
+//   ubs_local_id()
+//   ubs_atomic_or(pointer, bits), ubs_atomic_max(pointer, value)   of words in local memory
+// Exchange between the lanes of a wave is in exchange.h.
+#pragma once
+
+#ifdef UBS_OPENCL
+#define UBS_GROUP(n) __attribute__((reqd_work_group_size(n, 1, 1)))
+#define UBS_SHARED __local
+#define UBS_LOCAL __local
+#define UBS_CONSTANT __constant
+#define UBS_BARRIER() barrier(CLK_LOCAL_MEM_FENCE)
+#define ubs_local_id() ((int)get_local_id(0))
+#define ubs_atomic_or(pointer, bits) atomic_or(pointer, bits)
+#define ubs_atomic_max(pointer, value) atomic_max(pointer, value)
+#define ubs_popcount(bits) ((int)popcount(bits))
+#define ubs_as_uint(value) as_uint(value)
+#define ubs_as_float(bits) as_float(bits)
+#define ubs_float4(x, y, z, w) ((float4)(x, y, z, w))
+#else
+#define UBS_GROUP(n) __launch_bounds__(n)
+#define UBS_SHARED __shared__
+#define UBS_LOCAL
+#define UBS_CONSTANT static __constant__ const
+#define UBS_BARRIER() __syncthreads()
+#define ubs_local_id() ((int)threadIdx.x)
+#define ubs_atomic_or(pointer, bits) atomicOr(pointer, bits)
+#define ubs_atomic_max(pointer, value) atomicMax(pointer, value)
+#define ubs_popcount(bits) __popc(bits)
+#define ubs_as_uint(value) __float_as_uint(value)
+#define ubs_as_float(bits) __uint_as_float(bits)
+#define ubs_float4(x, y, z, w) make_float4(x, y, z, w)
+UBS_FN int lowest_bit32(uint bits) { return __ffs((int)bits) - 1; }  // bits must not be 0
+#endif
