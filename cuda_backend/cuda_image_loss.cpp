@@ -23,8 +23,10 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
 void ImageLossKernels::run(const ImageLoss& loss) {
   check_image_loss(loss);
   const ImageShape& s = loss.shape;
-  const unsigned across = blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
-                 tiles = across * blocks(static_cast<std::uint64_t>(s.rows()), stage_sizes::kLossTileRows);
+  constexpr int first_channel = 0, channels = 3;
+  const dim3 grid{blocks(static_cast<std::uint64_t>(s.pitch()), kLossTileX),
+                  blocks(static_cast<std::uint64_t>(s.rows()), stage_sizes::kLossTileRows), channels};
+  const unsigned tiles = grid.x * grid.y;
   reserve(device_, tile_sums_, "loss tile sums", 3 * std::size_t{tiles} * 4);
   const bool gradient = loss.v_image.size > 0;
   const LossKernels& kernels = loss.mask.size > 0 ? masked_ : plain_;
@@ -32,15 +34,14 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   const BufferView<std::uint8_t> bytes = loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
   const BufferView<float> floats = loss.target.size > 0 ? BufferView<float>{} : loss.target_float;
   const float limit = std::numeric_limits<float>::max();
-  constexpr int first_channel = 0, channels = 3;
-  device_.launch("loss_window", kernels.window, channels * tiles, kLossBlock, loss.image, bytes, floats, s.width,
+  device_.launch("loss_window", kernels.window, grid, kLossBlock, loss.image, bytes, floats, s.width,
                  s.height, s.pitch(), s.rows(), first_channel, channels, loss.clamp ? 0.0f : -limit,
                  loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view(), loss.mask);
   if (gradient) {
     const float values = 3.0f * counted_pixels(loss);
     const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
                 ssim = loss.lambda_dssim * loss.scale / values;
-    device_.launch("loss_gradient", kernels.gradient, channels * tiles, kLossBlock, loss.image, bytes, floats,
+    device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats,
                    s.width, s.height, s.pitch(), s.rows(), first_channel, channels, l1, ssim, maps_.view(),
                    maps.pitch, maps.plane, loss.v_image, loss.mask);
   }

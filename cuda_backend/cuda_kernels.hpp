@@ -62,7 +62,9 @@ constexpr unsigned kMapBlock = 128;
 // raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat.
 constexpr unsigned kSumBlock = 256;
 struct RasterKernels {
+  Kernel<RasterPartsKernel> parts;
   Kernel<RasterForwardKernel> forward;
+  Kernel<RasterJoinKernel> join;
   Kernel<void(const float* records, const u32* sorted_ids, const u32* sorted_slots, const u32* tile_ranges,
               int tiles_x, int tiles_y, int width, int height, const float* image, const float* v_image,
               const u16* masks, const float* states, float* slots)>
@@ -80,7 +82,7 @@ RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();
 
 // loss_kernels.cu: kernels/gpu/loss.cl, one block a tile of one channel.
-constexpr unsigned kLossBlock = 256, kLossTotalBlock = 192;
+constexpr unsigned kLossBlock = 128, kLossTotalBlock = 192;
 constexpr int kLossTileX = 32;
 struct LossKernels {
   Kernel<LossWindowKernel> window;
@@ -114,12 +116,13 @@ struct ListKernels {
               u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<FitListsKernel> fit;
-  Kernel<GatherAreasKernel> gather_areas;
+  Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)> gather_areas;
   Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
-              const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids)>
+              const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids, u32* long_lists)>
       emit;
   Kernel<void(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs, u32 tiles,
-              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges)>
+              u32 tiles_x, const u32* tile_rects, const u32* slot_offsets, u32* slots, u32* tile_ranges,
+              u32* long_lists)>
       finish;
 };
 ListKernels list_kernels();

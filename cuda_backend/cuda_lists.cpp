@@ -93,7 +93,7 @@ void Lists::place(const Job& job) {
     });
     device_.launch("emit_intersections", kernels_.emit, grid(pairs), kListBlock, order_.view(), firsts, drawn,
                    job.drawn.counted, pairs, job.pairs.counted, lists.tile_rects, tiles_x, tiles_.view(),
-                   pair_ids_.view());
+                   pair_ids_.view(), lists.long_lists);
     device_.algorithm("sort_tiles", [&](Workspace& workspace) {
       return sort_pairs(workspace, pointer_of(tiles_.view()), pointer_of(tiles_sorted_.view()),
                         pointer_of(pair_ids_.view()), pointer_of(lists.sorted_ids), pairs, 0,
@@ -102,7 +102,7 @@ void Lists::place(const Job& job) {
   }
   device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
                  tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
-                 lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges);
+                 lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges, lists.long_lists);
 }
 
 }  // namespace ubs::cuda

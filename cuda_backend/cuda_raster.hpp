@@ -24,6 +24,7 @@ class Raster {
   KernelConfig config_;
   RasterKernels kernels_;
   std::optional<WeightKernels> weights_;  // made at its first use
+  Buffer<float> parts_;                   // of long lists
 };
 
 }  // namespace ubs::cuda

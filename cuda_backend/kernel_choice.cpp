@@ -65,7 +65,7 @@ std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
   KernelConfig plain = with_backward(config);
   plain.depth = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
-  ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_gpu_forward"}, raster_options(config)};
+  ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_gpu_parts", "raster_gpu_forward", "raster_gpu_join"}, raster_options(config)};
   if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_gpu_backward", "sum_slots_scalar"});
   return spec;
 }
@@ -117,7 +117,9 @@ RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config) {
   if (!program) return config.depth ? raster_kernels_depth() : raster_kernels_plain();
   const Module& module = device.module(*program);
   RasterKernels kernels;
+  module.bind(kernels.parts, "raster_gpu_parts");
   module.bind(kernels.forward, "raster_gpu_forward");
+  module.bind(kernels.join, "raster_gpu_join");
   if (!config.backward) return kernels;
   module.bind(kernels.backward, "raster_gpu_backward");
   module.bind(kernels.sum_slots, "sum_slots_scalar");

@@ -52,11 +52,19 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   }
 }
 
+// Tiles of each splat in depth order; their prefix sum, over all `most`, places the intersections.
+__global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
+  const size_t i = global_index();
+  if (i >= most) return;
+  areas[i] = i < listed(most, counted) ? tile_rect_area(rect_of(tile_rects, order[i])) : 0;
+}
+
 // Balanced whatever the sizes of the rectangles: a thread finds its splat by bisection, first for the block
 // as a whole, then between the block's ends.
 __global__ void __launch_bounds__(kListBlock)
     emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
-                       const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids) {
+                       const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids,
+                       u32* long_lists) {
   __shared__ u32 ends[2];
   const u32 count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
   const u32 me = threadIdx.x;
@@ -66,6 +74,7 @@ __global__ void __launch_bounds__(kListBlock)
     ends[me] = find_owner(firsts, 0, count, me == 0 ? begin : end - 1);
   }
   __syncthreads();
+  if (place == 0 && long_lists) *long_lists = 0;
   if (place >= intersections && place < most_pairs) {
     tiles[place] = kLargestKey;
     ids[place] = 0;
@@ -81,16 +90,18 @@ __global__ void __launch_bounds__(kListBlock)
 
 // One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
 // 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
-// those of the empty tiles before it.
+// those of the empty tiles before it. long_lists: set where a list is long; emit_intersections has cleared it.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
-                             u32* slots, u32* tile_ranges) {
+                             u32* slots, u32* tile_ranges, u32* long_lists) {
   const u32 intersections = listed(most_pairs, pairs);
   const size_t i = global_index();
   if (i > intersections) return;
   const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;
   const u32 tile = i == intersections ? tiles : tiles_sorted[i];
   for (u32 t = from; t <= tile; ++t) tile_ranges[t] = static_cast<u32>(i);
+  if (long_lists && from <= tile && intersections - i > kLongList && tiles_sorted[i + kLongList] == tile)
+    atomicOr(long_lists, 1u);
   if (i == intersections || !slots) return;
   const u32 id = ids[i], row = tile / tiles_x;
   const TileRect rect = rect_of(tile_rects, id);

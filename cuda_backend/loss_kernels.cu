@@ -7,7 +7,7 @@
 
 #define UBS_VW 1
 #define UBS_LOSS_TILE_GPU ubs::cuda::kLossTileX
-#define UBS_LOSS_GROUP 256
+#define UBS_LOSS_GROUP 128
 
 namespace ubs::cuda {
 namespace {

@@ -20,13 +20,16 @@ namespace {
 // clang-format on
 
 static_assert(UBS_SUM_GROUP_GPU == kSumBlock);
+RasterKernels raster_kernels() {
+  return {raster_gpu_parts, raster_gpu_forward, raster_gpu_join, raster_gpu_backward, sum_slots_scalar};
+}
 
 }  // namespace
 
 #if UBS_DEPTH
-RasterKernels raster_kernels_depth() { return {raster_gpu_forward, raster_gpu_backward, sum_slots_scalar}; }
+RasterKernels raster_kernels_depth() { return raster_kernels(); }
 #else
-RasterKernels raster_kernels_plain() { return {raster_gpu_forward, raster_gpu_backward, sum_slots_scalar}; }
+RasterKernels raster_kernels_plain() { return raster_kernels(); }
 WeightKernels weight_kernels_plain() { return {measure_weights}; }
 #endif
 

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots as one program: raster_gpu_forward, raster_gpu_backward, sum_slots_scalar.
+// The rasterisers and the sum over slots as one program: raster_gpu_parts, raster_gpu_forward, raster_gpu_join,
+// raster_gpu_backward, sum_slots_scalar.
 #define UBS_TOGETHER 3
+#define UBS_BACKWARD_BATCH 192  // three groups have room on cards with 100 KiB of shared memory
 #define UBS_SUM_GROUP_GPU 256
 // clang-format off
 #include "kernels/gpu/words.h"
 #include "kernels/gpu/exchange.h"
 #include "kernels/gpu/list_segments.h"
+#include "kernels/gpu/list_parts.h"
 #include "kernels/gpu/tile.h"
 #include "kernels/gpu/raster_forward.cl"
 #if !UBS_FORWARD_ONLY

@@ -101,6 +101,9 @@ enum {
 enum { kTileSide = 16 };  // [px]
 // Entries of a tile's list that a group of the backward rasteriser takes (gpu/list_segments.h); a multiple of 256.
 enum { kListSegment = 512 };
+// Entries of a part of a long list, which a group of the forward rasteriser takes (gpu/list_parts.h), a multiple of
+// kListSegment; lists of more than kLongList entries are long.
+enum { kListPart = 1024, kLongList = 2 * kListPart };
 // Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
 #define UBS_KEY_CULLED 0xffffffffu
 

@@ -102,6 +102,8 @@ struct BuildLists {  // -> per tile, splats in order of (depth, index); of the v
                                            // its rect (row-major); forward only: left alone
   BufferView<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
   bool bounded = false;  // it did not wait: `totals` are bounds, the numbers are on the device
+  BufferView<std::uint32_t> long_lists = {};  // out (1), or empty: not 0 where a list has more than kLongList entries;
+                                              // RasterKind::cpu: left alone
 };
 
 struct RasterForward {  // method.md 2.6
@@ -119,6 +121,7 @@ struct RasterForward {  // method.md 2.6
   // out, list_state_floats(intersections) of stage_sizes.hpp: pixels in front of the segments of lists
   // (kernels/gpu/list_segments.h). RasterKind::cpu and forward only: empty
   BufferView<float> states;
+  BufferView<std::uint32_t> long_lists = {};  // of BuildLists; empty: long lists are not divided
 };
 
 // Gradient slots of kGradStride floats: all in one buffer, or, where an allocation of the device does not

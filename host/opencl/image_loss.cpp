@@ -87,12 +87,11 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
   const float limit = std::numeric_limits<float>::max();
   const float low = loss.clamp ? 0 : -limit, high = loss.clamp ? 1 : limit;
   const int map_pitch = static_cast<int>(maps.pitch), map_plane = static_cast<int>(maps.plane);
-  const std::size_t groups = count.x * count.y * channels(shape);
   const auto launch = [&](const auto& kernel, const auto&... arguments) {
     if (group_ == 1)
-      core_groups_.launch(kernels(loss)[kernel], groups, arguments...);
+      core_groups_.launch(kernels(loss)[kernel], count.x * count.y * channels(shape), arguments...);
     else
-      kernels(loss)[kernel](Range{groups * group_}, Range{group_}, arguments...);
+      kernels(loss)[kernel](Range{count.x * group_, count.y, channels(shape)}, Range{group_}, arguments...);
   };
   launch(kLossWindow, loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
          shape.rows(), first_channel, planes, low, high, maps_.view(), map_pitch, map_plane,

@@ -25,7 +25,6 @@ inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_r
                                float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp)>
     kLearn{"project_backward_adam"};
 inline constexpr Declared<FitListsKernel> kFitLists{"fit_lists"};
-inline constexpr Declared<GatherAreasKernel> kGatherAreas{"gather_areas"};
 
 // ---- Rasterisers ----
 inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
@@ -33,7 +32,9 @@ inline constexpr Declared<void(const float* records, const u32* sorted_ids, cons
                                float background_r, float background_g, float background_b, float* image,
                                float* transmittance, float* depth, u16* masks)>
     kRasterCpuForward{"raster_cpu_forward"};
+inline constexpr Declared<RasterPartsKernel> kRasterGpuParts{"raster_gpu_parts"};
 inline constexpr Declared<RasterForwardKernel> kRasterGpuForward{"raster_gpu_forward"};
+inline constexpr Declared<RasterJoinKernel> kRasterGpuJoin{"raster_gpu_join"};
 inline constexpr Declared<void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                const float* image, const float* v_image, const u16* masks, Slots* slots)>
@@ -96,18 +97,23 @@ inline constexpr Declared<void(const u32* tile_counts, u32 count, u32 block, u64
 inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 block,
                                const u64* sums, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
     kCountWrite{"count_write"};
+inline constexpr Declared<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32 block,
+                               u32* areas, u32* sums)>
+    kAreaSums{"area_sums"};
 inline constexpr Declared<void(const u32* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
     kRadixHistogram{"radix_histogram"};
+inline constexpr Declared<void(u32* histogram, u32 blocks, u32* totals)> kRadixRows{"radix_rows"};
 inline constexpr Declared<void(const u32* keys, const u32* values, const u32* values2, u32 most,
-                               const u32* counted, u32 shift, const u32* offsets, u32* keys_out,
-                               u32* values_out, u32* values2_out)>
+                               const u32* counted, u32 shift, const u32* offsets, const u32* totals,
+                               u32* keys_out, u32* values_out, u32* values2_out)>
     kRadixScatter{"radix_scatter"};
 inline constexpr Declared<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn,
                                u32 most_pairs, const u32* pairs, const u32* tile_rects,
-                               const u32* slot_offsets, u32 tiles_x, u32* tiles, u32* ids, u32* slots)>
+                               const u32* slot_offsets, u32 tiles_x, u32* tiles, u32* ids, u32* slots,
+                               u32* long_lists)>
     kEmitIntersections{"emit_intersections"};
 inline constexpr Declared<void(const u32* tiles_sorted, u32 most_pairs, const u32* pairs, u32 tiles,
-                               u32* tile_ranges)>
+                               u32* tile_ranges, u32* long_lists)>
     kFindRanges{"find_ranges"};
 
 }  // namespace ubs::opencl

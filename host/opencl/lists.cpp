@@ -14,6 +14,7 @@ namespace ubs::opencl {
 namespace {
 
 constexpr std::uint32_t kKeyBits = 32;
+constexpr std::size_t kDigits = std::size_t{1} << stage_sizes::kRadixBits;
 // Below this one work-item scans a histogram at once: 10 us at the most, and one launch less.
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
@@ -199,11 +200,10 @@ void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std:
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   const Blocks blocks = scan_.blocks(lists.count);
-  reserve(device_, sums_, "tile list sums", 2 * blocks.count + 1);
+  reserve(device_, sums_, "tile list sums", 2 * blocks.count);
   if (waits) reserve(device_, totals_, "tile list totals", 2);
   kernels_[kCountSums](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
                        sums_.view());
-  scan_.exclusive(sums_.view(), sums_.view(), static_cast<std::uint32_t>(2 * blocks.count));
   kernels_[kCountWrite](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
                         blocks.size, sums_.view(), scratch(visible_, lists.count),
                         scratch(visible_keys_, lists.count), lists.slot_offsets,
@@ -236,9 +236,11 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
   const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
-  kernels_[kGatherAreas](grid(drawn), kListGroup, order, job.drawn.most, job.drawn.counted, lists.tile_rects,
-                         firsts);
-  scan_.exclusive(firsts, firsts, drawn);
+  const Blocks blocks = scan_.blocks(drawn);
+  const BufferView<std::uint32_t> sums = scratch(area_sums_, blocks.count);
+  kernels_[kAreaSums](blocks.global(), blocks.group(), order, job.drawn.most, job.drawn.counted, lists.tile_rects,
+                      blocks.size, firsts, sums);
+  scan_.exclusive_of_sums(firsts, sums, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
   Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
@@ -248,25 +250,27 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
   kernels_[kEmitIntersections](grid(pairs), kListGroup, order, firsts, job.drawn.most, job.drawn.counted,
                                job.pairs.most, job.pairs.counted, lists.tile_rects, lists.slot_offsets,
-                               tiles_x, from.keys, from.values, from.values2);
+                               tiles_x, from.keys, from.values, from.values2, lists.long_lists);
   for (std::uint32_t shift = 0; shift < bits; shift += stage_sizes::kRadixBits) {
     radix_pass(from, to, job.pairs, shift);
     std::swap(from, to);
   }
   kernels_[kFindRanges](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs.most,
-                        job.pairs.counted, tiles, lists.tile_ranges);
+                        job.pairs.counted, tiles, lists.tile_ranges, lists.long_lists);
 }
 
 void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
   const std::size_t bins = blocks.count << stage_sizes::kRadixBits;
-  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins + 1);
+  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins);
+  reserve(device_, digits_, "digits", kDigits);
   radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
                           histogram);
-  scan_.exclusive(histogram, histogram, static_cast<std::uint32_t>(bins));
+  radix_[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram, static_cast<std::uint32_t>(blocks.count),
+                     digits_.view());
   radix_[kRadixScatter](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,
-                        count.counted, shift, histogram, to.keys, to.values, to.values2);
+                        count.counted, shift, histogram, digits_.view(), to.keys, to.values, to.values2);
 }
 
 }  // namespace ubs::opencl

@@ -72,6 +72,7 @@ class Lists {
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
   Words visible_keys_, keys_a_, keys_b_, ids_b_;     // groups only
+  Words digits_, area_sums_;                         // groups only
   Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element an intersection
 };
 

@@ -32,6 +32,7 @@ class Raster {
   CoreGroups core_groups_;
   std::size_t sum_group_;
   KernelSet weights_;
+  Buffer<float> parts_;  // of long lists
 };
 
 }  // namespace ubs::opencl

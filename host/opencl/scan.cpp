@@ -19,6 +19,14 @@ Blocks group_blocks(std::uint64_t elements) {
   return {kBlock, std::max<std::size_t>(1, divide_up(elements, kBlock)), kGroupSize};
 }
 
+// So few blocks that each group can add up the sums of those before its own.
+Blocks few_group_blocks(std::uint64_t elements) {
+  constexpr std::uint64_t kMost = 1024;
+  const std::uint64_t size =
+      std::max<std::uint64_t>(stage_sizes::kGroupBlock, round_up(divide_up(elements, kMost), kGroupSize));
+  return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), kGroupSize};
+}
+
 // 30 000 splats on two cores are 8 chunks and not 7, of which one core would get four.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores) {
   std::uint64_t wanted =
@@ -56,34 +64,34 @@ Scan::Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widenin
 
 Blocks Scan::blocks(std::uint64_t elements) const {
   return chunks_ ? chunk_blocks(elements, most_chunks(device_.info()), device_.info().compute_units)
-                 : group_blocks(elements);
+                 : few_group_blocks(elements);
 }
 
 template <typename In, typename Out>
 void Scan::run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
-               std::size_t level) {
+               Buffer<Out>& sums) {
   const Blocks blocks = this->blocks(count);
-  BufferView<Out> sums;
   if (blocks.count > 1) {
-    auto& levels = sums_of(out);
-    if (levels.size() <= level) levels.resize(level + 1);
-    reserve(device_, levels[level], "scan sums", blocks.count + 1);
-    sums = levels[level].view();
-    kernels[kScanSums<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums);
-    if (!chunks_)  // else scan_write adds them up
-      run(kernels_of(out), sums, sums, static_cast<std::uint32_t>(blocks.count), level + 1);
+    reserve(device_, sums, "scan sums", blocks.count);
+    kernels[kScanSums<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums.view());
   }
-  kernels[kScanWrite<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
+  kernels[kScanWrite<In, Out>](blocks.global(), blocks.group(), in, count, blocks.size,
+                               blocks.count > 1 ? sums.view() : BufferView<Out>{}, out);
 }
 
 void Scan::exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out, std::uint32_t count) {
-  run(narrow_, in, out, count, 0);
+  run(narrow_, in, out, count, sums_narrow_);
 }
 void Scan::exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count) {
-  run(widening_, in, out, count, 0);
+  run(widening_, in, out, count, sums_wide_);
 }
 void Scan::exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out, std::uint32_t count) {
-  run(wide_, in, out, count, 0);
+  run(wide_, in, out, count, sums_wide_);
+}
+void Scan::exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums,
+                             BufferView<std::uint32_t> out, std::uint32_t count) {
+  const Blocks blocks = this->blocks(count);
+  narrow_[kScanWrite<std::uint32_t, std::uint32_t>](blocks.global(), blocks.group(), in, count, blocks.size, sums, out);
 }
 
 }  // namespace ubs::opencl

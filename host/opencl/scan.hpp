@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "host/device/stages.hpp"
 #include "host/opencl/kernel_set.hpp"
@@ -46,21 +45,19 @@ class Scan {
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count);
   void exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out,
                  std::uint32_t count);  // out may be in
+  // The same where the sums of blocks(count) are there already.
+  void exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums, BufferView<std::uint32_t> out,
+                         std::uint32_t count);
 
  private:
   template <typename In, typename Out>
-  void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
-           std::size_t level);
-  std::vector<Buffer<std::uint32_t>>& sums_of(BufferView<std::uint32_t>) { return sums_narrow_; }
-  std::vector<Buffer<std::uint64_t>>& sums_of(BufferView<std::uint64_t>) { return sums_wide_; }
-  KernelSet& kernels_of(BufferView<std::uint32_t>) { return narrow_; }
-  KernelSet& kernels_of(BufferView<std::uint64_t>) { return wide_; }
+  void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count, Buffer<Out>& sums);
 
   OpenclDevice& device_;
   bool chunks_;
   KernelSet narrow_, widening_, wide_;
-  std::vector<Buffer<std::uint32_t>> sums_narrow_;  // block sums by level
-  std::vector<Buffer<std::uint64_t>> sums_wide_;
+  Buffer<std::uint32_t> sums_narrow_;  // of blocks
+  Buffer<std::uint64_t> sums_wide_;
 };
 
 }  // namespace ubs::opencl

@@ -100,6 +100,9 @@ class Planner {
         per_intersection("list states", kWord * static_cast<double>(sizes::list_state_floats(kListSegment)) /
                                             int{kListSegment});
     }
+    if (q_.raster == RasterKind::gpu)
+      per_intersection("parts of long lists",
+                       kWord * static_cast<double>(sizes::list_part_floats(q_.depth)) / (kListPart / 2));
     if (q_.sorts_by_copying)
       per_intersection("tile sort: tiles three times, splats twice", kWord * 5);
     else if (q_.raster == RasterKind::gpu)

@@ -171,6 +171,7 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
     reserve(device_, sorted_slots_, "sorted slots", n);
     reserve(device_, masks_, "block masks", n);
   }
+  if (stages_.config().raster == RasterKind::gpu) reserve(device_, long_lists_, "long lists", 1);
   if (divides_lists())
     reserve(device_, list_states_, "list states", stage_sizes::list_state_floats(sorted_ids_.size()));
   if (for_backward) slots_.reserve(n);
@@ -257,7 +258,8 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
                        .sorted_ids = sorted_ids_.view(),
                        .sorted_slots = sorted_slots_.view(),
                        .tile_ranges = tile_ranges_.view(),
-                       .bounded = bounded});
+                       .bounded = bounded,
+                       .long_lists = long_lists_.view()});
   stages_.raster_forward(last_lists());
   if (settings_.sky)
     stages_.draw_sky({.shape = shape_,
@@ -345,7 +347,8 @@ RasterForward Renderer::last_lists() const {
           .transmittance = transmittance_.view(),
           .depth = depth_.view(),
           .masks = masks_.view(),
-          .states = list_states_.view()};
+          .states = list_states_.view(),
+          .long_lists = long_lists_.view()};
 }
 
 void Renderer::backward(BufferView<float> v_params, bool accumulate) {

@@ -189,7 +189,7 @@ class Renderer {
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, slot_offsets_;
   Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
-  Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_;
+  Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_, long_lists_;
   Buffer<std::uint16_t> masks_;
   Buffer<float> list_states_;
   SlotStore slots_;

@@ -324,12 +324,20 @@ UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   return target_at(p, s, x, y);
 }
 
-// The tile of a group: of an image's tiles those of a row of pixels come first, of all channels, so that a
-// core that takes a part of the groups takes rows of the image.
+// The tile of a group. Cards have a grid of groups (across, down, channels). On CPUs those of a row of pixels come first,
+// of all channels, so that a core that takes a part of the groups takes rows of the image.
 typedef struct {
   int x, y, across, plane;
 } LossTile;
 
+#if LOSS_GROUP > 1
+#define LOSS_THIS_TILE grid_tile()
+UBS_FN LossTile grid_tile(void) {
+  LossTile tile = {(int)ubs_group_at(0), (int)ubs_group_at(1), (int)ubs_groups_across(), (int)ubs_group_at(2)};
+  return tile;
+}
+#else
+#define LOSS_THIS_TILE loss_tile(UBS_CORE_GROUP, pitch, channels)
 UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
   LossTile tile;
   tile.across = (pitch + LOSS_TILE_X - 1) / LOSS_TILE_X;
@@ -338,6 +346,7 @@ UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
   tile.y = (int)group / tile.across / channels;
   return tile;
 }
+#endif
 
 // tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
@@ -349,7 +358,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   UBS_SHARED __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   UBS_SHARED __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
   UBS_SHARED real shares[3 * LOSS_GROUP];
-  LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
+  LossTile tile = LOSS_THIS_TILE;
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, low, high, mask};
@@ -449,7 +458,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
     UBS_GLOBAL const float* maps, int map_pitch, int map_plane, UBS_GLOBAL float* v_image,
     UBS_GLOBAL const uchar* mask UBS_CORE_PARAMETERS) {
   UBS_SHARED __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
-  LossTile tile = loss_tile(UBS_CORE_GROUP, pitch, channels);
+  LossTile tile = LOSS_THIS_TILE;
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
@@ -499,7 +508,7 @@ UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
   int me = ubs_local_id(), channel = me / LOSS_SHARES, share = me % LOSS_SHARES;
   LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
   UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
-  for (int tile = share; tile < tiles; tile += LOSS_SHARES) {
+  _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {  // so that four are on the way
     float4 tile_sum = of_channel[tile];
     l1 = add_share(l1, tile_sum.x);
     ssim = add_share(ssim, tile_sum.y);

@@ -97,7 +97,7 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
 #endif
   UBS_BARRIER();
   int count = 0, place = 0;
-  UBS_UNROLL for (int word = 0; word < kBackwardWords; ++word) {
+  _Pragma("unroll 1") for (int word = 0; word < kBackwardWords; ++word) {  // fewer registers
     uint bits = shared->kept[word];
     int here = ubs_popcount(bits);
     count += here;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Forward rasteriser for GPUs. Splats of the tile's list pass through local memory, one batch of as many as there are
-// pixels after the other.
+// pixels after the other. Long lists are drawn in parts (list_parts.h).
 
 // Splats whose alphas a work-item computes, none waiting for another, before it blends them
 // (docs/results/2026-11-26-h200-lists.md).
@@ -26,8 +26,9 @@ UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   return blocks;
 }
 
-UBS_FN void put_state(UBS_GLOBAL float* states, uint list_first, uint segment, int item, float4 state) {
-  ((UBS_GLOBAL float4*)states)[(ulong)list_states(list_first, segment) * kItems + (ulong)item] = state;
+// States in front of a segment (list_segments.h).
+UBS_FN UBS_GLOBAL float4* state_of(UBS_GLOBAL float* states, uint list_first, uint segment, int item) {
+  return (UBS_GLOBAL float4*)states + ((ulong)list_states(list_first, segment) * kItems + (ulong)item);
 }
 
 typedef struct {
@@ -59,55 +60,60 @@ UBS_FN uint open_blocks(UBS_LOCAL const uint* votes) {
   return blocks;
 }
 
-// masks and states: null where nobody goes backward.
-UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
-    UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
-    UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
-    float background_g, float background_b, UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance,
-    UBS_GLOBAL float* depth, UBS_GLOBAL ushort* masks, UBS_GLOBAL float* states) {
-  UBS_SHARED ForwardShared shared;
-  int item = ubs_local_id(), tile = (int)ubs_group_id();
-  TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
-  uint first = tile_ranges[tile], last = tile_ranges[tile + 1];
-  int keeps = !UBS_FORWARD_ONLY && masks != 0;
+// What a pixel has taken of the splats in front of some place of its list.
+typedef struct {
+  float open;              // transmittance if the pixel goes on, else 0
+  float rest;              // transmittance behind the last splat that it took
+  float r, g, b;
+  float weighted_depth, weight;  // with UBS_DEPTH
+} ForwardPixel;
 
-  float open = pixel.inside ? 1.0f : 0.0f;
-  float rest = 1.0f, r = 0.0f, g = 0.0f, b = 0.0f;
-  float weighted_depth = 0.0f, weight = 0.0f;  // with UBS_DEPTH
+UBS_FN ForwardPixel new_pixel(float open) {
+  ForwardPixel p = {open, open, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+  return p;
+}
+
+// Takes the entries from `begin` to `end` of a list that starts at `first`. masks and states: null where nobody goes
+// backward.
+UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared, TilePixel pixel, int item, uint first,
+                                 uint begin, uint end, UBS_GLOBAL const float* records,
+                                 UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
+                                 UBS_GLOBAL ushort* masks, UBS_GLOBAL float* states) {
+  int keeps = !UBS_FORWARD_ONLY && masks != 0;
 #if !UBS_BALLOT
-  if (item == 0) shared.votes[0][0] = 0;
+  if (item == 0) shared->votes[0][0] = 0;
   UBS_BARRIER();
 #endif
-  uint at = first;
-  for (int turn = 0; at < last; at += kItems, turn ^= 1) {
-    vote_open(shared.votes[turn], open > 0.0f, pixel, item);
+  uint at = begin;
+  for (int turn = 0; at < end; at += kItems, turn ^= 1) {
+    vote_open(shared->votes[turn], p.open > 0.0f, pixel, item);
     UBS_BARRIER();  // also: nobody reads the splats of the last batch any more
-    uint alive = open_blocks(shared.votes[turn]);
+    uint alive = open_blocks(shared->votes[turn]);
     if (alive == 0) break;  // the same for the whole group
     if (keeps && at != first && (at - first) % kListSegment == 0)
-      put_state(states, first, (at - first) / kListSegment, item, ubs_float4(open, r, g, b));
+      *state_of(states, first, (at - first) / kListSegment, item) = ubs_float4(p.open, p.r, p.g, p.b);
     uint blocks = 0;
-    if (at + (uint)item < last) {
+    if (at + (uint)item < end) {
       SplatRecord record = load_record(records, sorted_ids[at + (uint)item]);
-      shared.places[item] = record.place;
-      shared.shapes[item] = record.shape;
-      shared.colours[item] = record.colour;
+      shared->places[item] = record.place;
+      shared->shapes[item] = record.shape;
+      shared->colours[item] = record.colour;
 #if UBS_DEPTH
-      shared.depths[item] = record.depth;
+      shared->depths[item] = record.depth;
 #endif
       blocks = reached_blocks(record, (float)pixel.left, (float)pixel.top) & alive;
       if (keeps) masks[sorted_slots[at + (uint)item]] = (ushort)blocks;
     }
 #if !UBS_BALLOT
-    if (item == 0) shared.votes[turn ^ 1][0] = 0;
-    shared.blocks[item] = blocks;
+    if (item == 0) shared->votes[turn ^ 1][0] = 0;
+    shared->blocks[item] = blocks;
     UBS_BARRIER();
 #endif
-    turn_blocks(blocks, shared.blocks, kForwardWords, shared.hits, item);
+    turn_blocks(blocks, shared->blocks, kForwardWords, shared->hits, item);
     UBS_BARRIER();
     for (int word = 0; word < kForwardWords; ++word) {
-      uint bits = shared.hits[pixel.block * kForwardWords + word];
-      while (bits != 0 && open > 0.0f) {
+      uint bits = shared->hits[pixel.block * kForwardWords + word];
+      while (bits != 0 && p.open > 0.0f) {
         int k[UBS_TOGETHER];
         BlendSplat s[UBS_TOGETHER];
         BlendAlpha a[UBS_TOGETHER];
@@ -115,35 +121,138 @@ UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
           int exists = i == 0 || bits != 0;
           k[i] = exists ? word * 32 + lowest_bit32(bits) : k[0];
           bits &= bits - 1;
-          float4 place = shared.places[k[i]];
-          s[i] = blend_splat(place, shared.shapes[k[i]], shared.colours[k[i]]);
+          float4 place = shared->places[k[i]];
+          s[i] = blend_splat(place, shared->shapes[k[i]], shared->colours[k[i]]);
           a[i] = blend_alpha(s[i], place.x - pixel.x, place.y - pixel.y);
           if (!exists) a[i].alpha = 0.0f;
         }
         UBS_UNROLL for (int i = 0; i < UBS_TOGETHER; ++i) {
-          BlendStep step = blend_step(a[i], open);
-          open = step.open;
-          rest = step.composited ? step.open : rest;
-          r += step.weight * s[i].r;
-          g += step.weight * s[i].g;
-          b += step.weight * s[i].b;
+          BlendStep step = blend_step(a[i], p.open);
+          p.open = step.open;
+          p.rest = step.composited ? step.open : p.rest;
+          p.r += step.weight * s[i].r;
+          p.g += step.weight * s[i].g;
+          p.b += step.weight * s[i].b;
 #if UBS_DEPTH
-          weighted_depth += step.weight * shared.depths[k[i]];
-          weight += step.weight;
+          p.weighted_depth += step.weight * shared->depths[k[i]];
+          p.weight += step.weight;
 #endif
         }
       }
     }
   }
   if (keeps) {
-    for (uint k = at + (uint)item; k < last; k += kItems) masks[sorted_slots[k]] = 0;
-    for (uint segment = (at - first + kListSegment - 1) / kListSegment; segment * kListSegment < last - first; ++segment)
-      put_state(states, first, segment, item, ubs_float4(0.0f, 0.0f, 0.0f, 0.0f));
+    for (uint k = at + (uint)item; k < end; k += kItems) masks[sorted_slots[k]] = 0;
+    uint next = (at - first + kListSegment - 1) / kListSegment;
+    for (uint segment = next > 0 ? next : 1; segment * kListSegment < end - first; ++segment)
+      *state_of(states, first, segment, item) = ubs_float4(0.0f, 0.0f, 0.0f, 0.0f);
   }
+  return p;
+}
 
-  image[pixel.index] = r + rest * background_r;
-  image[pixel.plane + pixel.index] = g + rest * background_g;
-  image[2 * pixel.plane + pixel.index] = b + rest * background_b;
-  transmittance[pixel.index] = rest;
-  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(weighted_depth, weight);
+UBS_FN void put_pixel(ForwardPixel p, TilePixel pixel, float background_r, float background_g, float background_b,
+                      UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance, UBS_GLOBAL float* depth) {
+  image[pixel.index] = p.r + p.rest * background_r;
+  image[pixel.plane + pixel.index] = p.g + p.rest * background_g;
+  image[2 * pixel.plane + pixel.index] = p.b + p.rest * background_b;
+  transmittance[pixel.index] = p.rest;
+  if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(p.weighted_depth, p.weight);
+}
+
+// Where the planes of a part are in `parts`; plane 0 is its transmittance, the others are what its pixels take:
+// transmittance behind it (negative where the pixel is finished, 0 where it was before), colour, depth sums.
+UBS_FN ulong part_place(ListPart part, int item) { return (ulong)part.place * (kPartPlanes * kItems) + (ulong)item; }
+
+// First pass of long lists: the transmittance of each part but the last. long_lists: 0 where there are none.
+UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_parts(
+    UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* tile_ranges, int tiles_x,
+    int tiles_y, int width, int height, UBS_GLOBAL const uint* long_lists, UBS_GLOBAL float* parts) {
+  UBS_SHARED ForwardShared shared;
+  if (*long_lists == 0) return;
+  int item = ubs_local_id();
+  ListPart part = list_part(tile_ranges, tiles_x * tiles_y, ubs_group_id());
+  if (part.number + 1 >= part.count) return;
+  TilePixel pixel = tile_pixel(part.tile, item, tiles_x, tiles_y, width, height);
+  ForwardPixel p = take_entries(new_pixel(pixel.inside ? 1.0f : 0.0f), &shared, pixel, item, part.list, part.first,
+                                part.last, records, sorted_ids, sorted_ids, 0, 0);
+  parts[part_place(part, item)] = p.open;
+}
+
+// Groups below the number of tiles take short lists and the first parts of long ones, the others further parts. masks and
+// states: null where nobody goes backward; parts: null where lists are not divided.
+UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
+    UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
+    UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
+    float background_g, float background_b, UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance,
+    UBS_GLOBAL float* depth, UBS_GLOBAL ushort* masks, UBS_GLOBAL float* states, UBS_GLOBAL const uint* long_lists,
+    UBS_GLOBAL float* parts) {
+  UBS_SHARED ForwardShared shared;
+  int item = ubs_local_id(), tiles = tiles_x * tiles_y;
+  int divides = parts != 0 && *long_lists != 0;
+  uint group = ubs_group_id();
+  if (group >= (uint)tiles && !divides) return;
+  ListPart part = group < (uint)tiles ? part_of_list(tile_ranges, (int)group, 0, divides)
+                                      : list_part(tile_ranges, tiles, group - (uint)tiles);
+  if (group >= (uint)tiles && (part.number == 0 || part.number >= part.count)) return;
+  TilePixel pixel = tile_pixel(part.tile, item, tiles_x, tiles_y, width, height);
+  float open = pixel.inside ? 1.0f : 0.0f;
+  ListPart before = part;
+  for (before.place = part.place - part.number; before.place < part.place; ++before.place)
+    open *= parts[part_place(before, item)];
+  if (open <= UBS_TRANSMITTANCE_MIN) open = 0.0f;
+  ForwardPixel p = take_entries(new_pixel(open), &shared, pixel, item, part.list, part.first, part.last, records,
+                                sorted_ids, sorted_slots, masks, states);
+  if (part.count == 1) {
+    put_pixel(p, pixel, background_r, background_g, background_b, image, transmittance, depth);
+    return;
+  }
+  UBS_GLOBAL float* to = parts + part_place(part, item);
+  to[kItems] = p.open > 0.0f ? p.rest : -p.rest;
+  to[2 * kItems] = p.r;
+  to[3 * kItems] = p.g;
+  to[4 * kItems] = p.b;
+#if UBS_DEPTH
+  to[5 * kItems] = p.weighted_depth;
+  to[6 * kItems] = p.weight;
+#endif
+}
+
+// Last pass of long lists: adds up what the parts of a tile have taken, in their order. The states in front of segments
+// get the colour in front of their part.
+UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_join(
+    UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
+    float background_g, float background_b, UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance,
+    UBS_GLOBAL float* depth, UBS_GLOBAL float* states, UBS_GLOBAL const uint* long_lists,
+    UBS_GLOBAL const float* parts) {
+  if (*long_lists == 0) return;
+  int item = ubs_local_id();
+  ListPart part = part_of_list(tile_ranges, (int)ubs_group_id(), 0, 1);
+  if (part.count == 1) return;
+  TilePixel pixel = tile_pixel(part.tile, item, tiles_x, tiles_y, width, height);
+  uint entries = tile_ranges[part.tile + 1] - part.list;
+  ForwardPixel sum = new_pixel(1.0f);
+  for (; part.number < part.count; ++part.number, ++part.place) {
+    if (!UBS_FORWARD_ONLY && states != 0 && part.number > 0) {
+      uint segment = part.number * (kListPart / kListSegment);
+      for (uint k = segment; k < segment + kListPart / kListSegment && k * kListSegment < entries; ++k) {
+        UBS_GLOBAL float4* state = state_of(states, part.list, k, item);
+        float4 s = *state;
+        *state = sum.open > 0.0f ? ubs_float4(s.x, s.y + sum.r, s.z + sum.g, s.w + sum.b)
+                                 : ubs_float4(0.0f, 0.0f, 0.0f, 0.0f);
+      }
+    }
+    UBS_GLOBAL const float* from = parts + part_place(part, item);
+    float rest = from[kItems];
+    if (sum.open == 0.0f) continue;
+    if (rest != 0.0f) sum.rest = rest > 0.0f ? rest : -rest;
+    if (rest <= 0.0f) sum.open = 0.0f;
+    sum.r += from[2 * kItems];
+    sum.g += from[3 * kItems];
+    sum.b += from[4 * kItems];
+#if UBS_DEPTH
+    sum.weighted_depth += from[5 * kItems];
+    sum.weight += from[6 * kItems];
+#endif
+  }
+  put_pixel(sum, pixel, background_r, background_g, background_b, image, transmittance, depth);
 }

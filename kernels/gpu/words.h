@@ -4,7 +4,7 @@
 //   UBS_GROUP(n)      behind UBS_KERNEL: the kernel runs in groups of n work-items
 //   UBS_SHARED        declares a variable in local memory, in a kernel; UBS_LOCAL: address space of a pointer to it
 //   UBS_BARRIER()     for all work-items of the group, and of what they wrote to local memory
-//   ubs_local_id()
+//   ubs_local_id(), ubs_group_at(dimension), ubs_groups_across()
 //   ubs_atomic_or(pointer, bits), ubs_atomic_max(pointer, value)   of words in local memory
 // Exchange between the lanes of a wave is in exchange.h.
 #pragma once
@@ -16,6 +16,8 @@
 #define UBS_CONSTANT __constant
 #define UBS_BARRIER() barrier(CLK_LOCAL_MEM_FENCE)
 #define ubs_local_id() ((int)get_local_id(0))
+#define ubs_group_at(d) get_group_id(d)
+#define ubs_groups_across() get_num_groups(0)
 #define ubs_atomic_or(pointer, bits) atomic_or(pointer, bits)
 #define ubs_atomic_max(pointer, value) atomic_max(pointer, value)
 #define ubs_popcount(bits) ((int)popcount(bits))
@@ -29,6 +31,8 @@
 #define UBS_CONSTANT static __constant__ const
 #define UBS_BARRIER() __syncthreads()
 #define ubs_local_id() ((int)threadIdx.x)
+#define ubs_group_at(d) ((d) == 0 ? blockIdx.x : (d) == 1 ? blockIdx.y : blockIdx.z)
+#define ubs_groups_across() (gridDim.x)
 #define ubs_atomic_or(pointer, bits) atomicOr(pointer, bits)
 #define ubs_atomic_max(pointer, value) atomicMax(pointer, value)
 #define ubs_popcount(bits) __popc(bits)

@@ -15,13 +15,3 @@ UBS_KERNEL void fit_lists(UBS_GLOBAL const ulong* totals, ulong room, uint count
   if (fits) return;
   for (size_t i = item; i < count; i += items) tile_counts[i] = 0;
 }
-
-// Tiles of each splat in depth order; their prefix sum, over all `most`, places the intersections.
-UBS_KERNEL void gather_areas(UBS_GLOBAL const uint* order, uint most, UBS_GLOBAL const uint* counted,
-                             UBS_GLOBAL const uint* tile_rects, UBS_GLOBAL uint* areas) {
-  uint i = UBS_GLOBAL_ID(0);
-  if (i >= most) return;
-  uint area = 0;
-  if (i < listed(most, counted)) area = tile_rect_area(tile_rect(((UBS_GLOBAL const uint2*)tile_rects)[order[i]]));
-  areas[i] = area;
-}

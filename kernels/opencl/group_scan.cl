@@ -43,3 +43,11 @@ UBS_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM*
   barrier(CLK_LOCAL_MEM_FENCE);
   return before;
 }
+
+// sums[0] + ... + sums[count - 1], the same for all work-items.
+UBS_FN UBS_SUM sum_before(__global const UBS_SUM* sums, uint count, __local UBS_SUM* scratch) {
+  UBS_SUM mine = 0, total;
+  for (uint k = (uint)get_local_id(0); k < count; k += kGroup) mine += sums[k];
+  group_exclusive(mine, scratch, &total);
+  return total;
+}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One pass of a least-significant-digit radix sort for GPUs: 8 bits a pass, one group a block of
-// kRadixBlock elements. Histogram -> exclusive prefix sum over (digit, block) by scan.cl -> scatter.
+// kRadixBlock elements. Histogram of (digit, block) -> prefix sums along its rows -> scatter.
 // Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
 enum {
   kRadixItems = 8,
@@ -22,6 +22,23 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogra
   for (size_t i = begin + me; i < end; i += kGroup) atomic_inc(&bins[(keys[i] >> shift) & 0xffu]);
   barrier(CLK_LOCAL_MEM_FENCE);
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
+}
+
+// One group a digit: exclusive prefix sum of its row, and its total.
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
+    __global uint* histogram, uint blocks, __global uint* totals) {
+  __local uint scratch[kScanRoom];
+  const uint me = (uint)get_local_id(0);
+  __global uint* row = histogram + get_group_id(0) * blocks;
+  uint running = 0;
+  for (uint begin = 0; begin < blocks; begin += kGroup) {
+    const uint i = begin + me;
+    uint total;
+    const uint before = group_exclusive(i < blocks ? row[i] : 0, scratch, &total);
+    if (i < blocks) row[i] = running + before;
+    running += total;
+  }
+  if (me == 0) totals[get_group_id(0)] = running;
 }
 
 // Stable sort of the block's entries (digit << 16 | place in the block) by four bits of them. Each work-item
@@ -52,13 +69,13 @@ UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local 
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// `offsets`: scanned histogram. The block is brought into digit order in local memory first (by low, then
+// offsets, totals: of radix_rows. The block is brought into digit order in local memory first (by low, then
 // high nibble; only digit and place move, keys and payloads are fetched from the block, which the cache
 // still holds), so that equal digits leave as one run. Second payload: both pointers or neither.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
-    __global const uint* counted, uint shift, __global const uint* offsets, __global uint* keys_out, __global uint* values_out,
-    __global uint* values2_out) {
+    __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,
+    __global uint* keys_out, __global uint* values_out, __global uint* values2_out) {
   const uint count = listed(most, counted);
   __local uint entries[kRadixBlock];
   __local ushort counters[kNibble * kGroup];
@@ -80,7 +97,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
   barrier(CLK_LOCAL_MEM_FENCE);
   uint total;
   const uint first = group_exclusive(destination[me], scratch, &total);
-  destination[me] = offsets[me * get_num_groups(0) + get_group_id(0)] - first;
+  const uint smaller = group_exclusive(totals[me], scratch, &total);
+  destination[me] = smaller + offsets[me * get_num_groups(0) + get_group_id(0)] - first;
   barrier(CLK_LOCAL_MEM_FENCE);
 
   sort_block(entries, counters, scratch, 16);

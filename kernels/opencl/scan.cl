@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Exclusive prefix sum for GPUs: one group a block of `block` elements (a multiple of kGroup), reduce,
-// then scan of the block sums (the host recurses with the same kernels), then write. UBS_SCAN_IN and UBS_SUM
-// are the element types; sums wrap. `out` has count + 1 elements, the last is the total; out may be in.
+// then write. UBS_SCAN_IN and UBS_SUM are the element types; sums wrap. `out` has count + 1 elements, the last is the
+// total; out may be in.
 
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {
@@ -16,7 +16,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
   if (me == 0) sums[get_group_id(0)] = total;
 }
 
-// `sums`: exclusive prefix sum of the block sums; null when there is only one block.
+// sums: of the blocks, null when there is only one; blocks are few, so each group adds up those before its own.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {
@@ -26,9 +26,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_write(
   const size_t end = min(begin + items, (size_t)count);
   UBS_SUM sum = 0;
   for (size_t i = begin; i < end; i++) sum += in[i];
-  UBS_SUM total;
+  UBS_SUM total, base = 0;
   UBS_SUM running = group_exclusive(sum, scratch, &total);
-  const UBS_SUM base = sums ? sums[get_group_id(0)] : 0;
+  if (sums) base = sum_before(sums, (uint)get_group_id(0), scratch);
   running += base;
   for (size_t i = begin; i < end; i++) {
     const UBS_SUM value = in[i];

@@ -10,7 +10,7 @@ UBS_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
   return tiles > 0 ? one_drawn() + tiles : 0;
 }
 
-// sums[block] = drawn splats, sums[blocks + block] = their tiles: one prefix sum serves both.
+// sums[block] = drawn splats, sums[blocks + block] = their tiles.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
     __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
   __local ulong scratch[kScanRoom];
@@ -26,8 +26,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
   }
 }
 
-// `sums`: exclusive prefix sum of the above (2 blocks + 1 elements). keys: of the visible splats, to sort them by.
-// totals: drawn splats, intersections.
+// sums: the above. keys: of the visible splats, to sort them by. totals: drawn splats, intersections.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
     __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
@@ -40,8 +39,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
   for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts, i);
   ulong total;
   const ulong before = group_exclusive(mine, scratch, &total);
-  size_t place = sums[group] + before / one_drawn();
-  ulong slot = sums[blocks + group] - sums[blocks] + before % one_drawn();
+  size_t place = sum_before(sums, (uint)group, scratch) + before / one_drawn();
+  ulong slot = sum_before(sums + blocks, (uint)group, scratch) + before % one_drawn();
   for (size_t i = begin; i < end; i++) {
     if (tile_counts[i] > 0) {
       visible_ids[place] = (uint)i;
@@ -50,10 +49,31 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     if (!UBS_FORWARD_ONLY) slot_offsets[i] = (uint)slot;
     slot += tile_counts[i];
   }
-  if (me == 0 && group == 0) {
-    totals[0] = sums[blocks];
-    totals[1] = sums[2 * blocks] - sums[blocks];
+  if (group + 1 < blocks) return;
+  const ulong drawn = sum_before(sums, (uint)blocks, scratch), tiles = sum_before(sums + blocks, (uint)blocks, scratch);
+  if (me == 0) {
+    totals[0] = drawn;
+    totals[1] = tiles;
   }
+}
+
+// Tiles of each splat in depth order, and their sums by block; their prefix sum, over all `most`, places the
+// intersections.
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
+    __global const uint* order, uint most, __global const uint* counted, __global const uint2* tile_rects, uint block,
+    __global uint* areas, __global uint* sums) {
+  __local ulong scratch[kScanRoom];
+  const uint me = (uint)get_local_id(0), count = listed(most, counted);
+  const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)most);
+  uint sum = 0;
+  for (size_t i = begin + me; i < end; i += kGroup) {
+    const uint area = i < count ? tile_rect_area(tile_rect(tile_rects[order[i]])) : 0;
+    areas[i] = area;
+    sum += area;
+  }
+  ulong total;
+  group_exclusive(sum, scratch, &total);
+  if (me == 0) sums[get_group_id(0)] = (uint)total;
 }
 
 // Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
@@ -61,7 +81,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
-    __global uint* ids, __global uint* slots) {
+    __global uint* ids, __global uint* slots, __global uint* long_lists) {
   const uint count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
   __local uint ends[2];
   const uint me = (uint)get_local_id(0);
@@ -70,6 +90,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
     ends[me] = find_owner(firsts, 0, count,
                           me == 0 ? begin : min(begin + kGroup, (size_t)intersections) - 1);
   barrier(CLK_LOCAL_MEM_FENCE);
+  if (place == 0 && long_lists) *long_lists = 0;
   if (place >= intersections) return;
   const uint i = find_owner(firsts, ends[0], ends[1] + 1, place);
   const uint number = (uint)place - firsts[i], id = order[i];
@@ -80,10 +101,11 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
   if (!UBS_FORWARD_ONLY) slots[place] = slot_offsets[id] + number;
 }
 
-// Bisection per tile: empty tiles at either end or in the middle need no special case.
+// Bisection per tile: empty tiles at either end or in the middle need no special case. long_lists: set where a list is
+// long; emit_intersections has cleared it.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
     __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
-    __global uint* tile_ranges) {
+    __global uint* tile_ranges, __global uint* long_lists) {
   const uint intersections = listed(most_pairs, pairs);
   const size_t tile = get_global_id(0);
   if (tile > tiles) return;
@@ -96,4 +118,6 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
       high = middle;
   }
   tile_ranges[tile] = low;
+  if (!long_lists || intersections - low <= kLongList) return;
+  if (tiles_sorted[low + kLongList] == tile) atomic_or(long_lists, 1u);
 }

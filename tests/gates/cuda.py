@@ -30,8 +30,11 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
         splats = forward.count("MUFU.EX2")
         counts = ", ".join(f"{n} {opcode}" for opcode, n in Counter(forward).items())
         print(f"sm_{architecture}: transmittance in forward, of {splats} splats: {counts}")
-        if len(found["raster_gpu_backward"]) != 1 or Counter(forward) != Counter(backward * splats):
-            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_backward'])}")
+        # A contraction turns FMUL and FADD into FFMA. FADD is not compared: of a loop that the compiler has rotated the
+        # analysis also counts one of the splat before.
+        unlike = [name for name in {*forward, *backward} - {"FADD"} if forward.count(name) != splats * backward.count(name)]
+        if len(found["raster_gpu_backward"]) != 1 or unlike:
+            print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_gpu_backward'])}")
             bad.append(architecture)
     return bad
 

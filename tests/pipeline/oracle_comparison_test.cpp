@@ -152,6 +152,14 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
       compare_forward(c, "faint", scene, 1.3e-6);                                     // worst observed 6.9e-7
       compare_gradient(c, "faint", scene, 4.5e-5);                                    // worst observed 2.3e-5
     }
+    SECTION("pixels that are finished in different parts of a list") {
+      oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 9000, 48, 48));
+      for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 2;
+      Case with_depth = c;
+      with_depth.config.depth = true;
+      compare_forward(with_depth, "half faint", scene, 1.6e-6);  // worst observed 8.4e-7
+      compare_gradient(c, "half faint", scene, 2.6e-5);          // worst observed 1.3e-5
+    }
     SECTION("equal depths are ordered by index") {
       const oracle::Scene scene = oracle::identical_depth_scene(options(dim, 120, 40, 40));
       compare_forward(c, "equal depths", scene, 1.7e-6);   // worst observed 8.6e-7
