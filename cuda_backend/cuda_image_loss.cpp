@@ -36,14 +36,15 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   const float limit = std::numeric_limits<float>::max();
   device_.launch("loss_window", kernels.window, grid, kLossBlock, loss.image, bytes, floats, s.width,
                  s.height, s.pitch(), s.rows(), first_channel, channels, loss.clamp ? 0.0f : -limit,
-                 loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view(), loss.mask);
+                 loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view(),
+                 loss.mask);
   if (gradient) {
     const float values = 3.0f * counted_pixels(loss);
     const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
                 ssim = loss.lambda_dssim * loss.scale / values;
-    device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats,
-                   s.width, s.height, s.pitch(), s.rows(), first_channel, channels, l1, ssim, maps_.view(),
-                   maps.pitch, maps.plane, loss.v_image, loss.mask);
+    device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
+                   s.height, s.pitch(), s.rows(), first_channel, channels, l1, ssim, maps_.view(), maps.pitch,
+                   maps.plane, loss.v_image, loss.mask);
   }
   device_.launch("loss_total", kernels.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
                  counted_pixels(loss), loss.sums, loss.sums_offset);

@@ -116,7 +116,8 @@ struct ListKernels {
               u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
       write_counts;
   Kernel<FitListsKernel> fit;
-  Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)> gather_areas;
+  Kernel<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas)>
+      gather_areas;
   Kernel<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
               const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids, u32* long_lists)>
       emit;

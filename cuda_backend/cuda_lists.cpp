@@ -102,7 +102,8 @@ void Lists::place(const Job& job) {
   }
   device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
                  tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
-                 lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges, lists.long_lists);
+                 lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges,
+                 lists.long_lists);
 }
 
 }  // namespace ubs::cuda

@@ -30,22 +30,24 @@ void Raster::run(const RasterForward& work) {
   const ImageShape& shape = work.shape;
   const auto parts = work.long_lists.size == 0
                          ? 0
-                         : static_cast<unsigned>(stage_sizes::list_parts(work.sorted_ids.size, config_.depth,
-                                                                         device_.info().max_allocation_bytes));
+                         : static_cast<unsigned>(stage_sizes::list_parts(
+                               work.sorted_ids.size, config_.depth, device_.info().max_allocation_bytes));
   if (parts > 0) {
     reserve(device_, parts_, "parts of long lists", parts * stage_sizes::list_part_floats(config_.depth));
     device_.launch("raster_parts", kernels_.parts, parts, kTileThreads, work.records, work.sorted_ids,
-                   work.tile_ranges, shape.tiles_x(), shape.tiles_y(), shape.width, shape.height, work.long_lists, parts_.view());
+                   work.tile_ranges, shape.tiles_x(), shape.tiles_y(), shape.width, shape.height,
+                   work.long_lists, parts_.view());
   }
   device_.launch("raster_forward", kernels_.forward, tiles(shape) + parts, kTileThreads, work.records,
                  work.sorted_ids, work.sorted_slots, work.tile_ranges, shape.tiles_x(), shape.tiles_y(),
-                 shape.width, shape.height, work.background[0], work.background[1], work.background[2], work.image,
-                 work.transmittance, work.depth, work.masks, work.states, work.long_lists,
+                 shape.width, shape.height, work.background[0], work.background[1], work.background[2],
+                 work.image, work.transmittance, work.depth, work.masks, work.states, work.long_lists,
                  parts > 0 ? parts_.view() : BufferView<float>{});
   if (parts > 0)
-    device_.launch("raster_join", kernels_.join, tiles(shape), kTileThreads, work.tile_ranges, shape.tiles_x(),
-                   shape.tiles_y(), shape.width, shape.height, work.background[0], work.background[1],
-                   work.background[2], work.image, work.transmittance, work.depth, work.states, work.long_lists, parts_.view());
+    device_.launch("raster_join", kernels_.join, tiles(shape), kTileThreads, work.tile_ranges,
+                   shape.tiles_x(), shape.tiles_y(), shape.width, shape.height, work.background[0],
+                   work.background[1], work.background[2], work.image, work.transmittance, work.depth,
+                   work.states, work.long_lists, parts_.view());
 }
 
 void Raster::run(const RasterBackward& work) {

@@ -65,7 +65,9 @@ std::optional<ProgramSpec> raster_program(const KernelConfig& config) {
   KernelConfig plain = with_backward(config);
   plain.depth = false;
   if (compiled_ahead(raster_options(plain))) return std::nullopt;
-  ProgramSpec spec{"cuda_backend/raster_program.cuh", {"raster_gpu_parts", "raster_gpu_forward", "raster_gpu_join"}, raster_options(config)};
+  ProgramSpec spec{"cuda_backend/raster_program.cuh",
+                   {"raster_gpu_parts", "raster_gpu_forward", "raster_gpu_join"},
+                   raster_options(config)};
   if (config.backward) spec.kernels.insert(spec.kernels.end(), {"raster_gpu_backward", "sum_slots_scalar"});
   return spec;
 }

@@ -11,7 +11,8 @@ namespace {
 constexpr double kGradientBound = 1e-4;
 constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7,
                  kMoment2Bound = 3.6e-7;  // those of tests/stages/optimiser_test.cpp
-// 9.5e-8 was seen on CPUs and 1.26e-7 on an H100. The exponential and the division of a card may each be wrong by 3 ulp.
+// 9.5e-8 was seen on CPUs, 1.26e-7 on an H100. A card may compute exponential and division with an error of 3
+// ulp each.
 constexpr double kPenaltyBound = 1e-6;
 
 struct State {

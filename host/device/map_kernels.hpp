@@ -63,10 +63,11 @@ using FitListsKernel = void(const u64* totals, u64 room, u32 count, u32 items, u
 using RasterForwardKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                  const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                  float background_r, float background_g, float background_b, float* image,
-                                 float* transmittance, float* depth, u16* masks, float* states, const u32* long_lists,
-                                 float* parts);
-using RasterPartsKernel = void(const float* records, const u32* sorted_ids, const u32* tile_ranges, int tiles_x,
-                               int tiles_y, int width, int height, const u32* long_lists, float* parts);
+                                 float* transmittance, float* depth, u16* masks, float* states,
+                                 const u32* long_lists, float* parts);
+using RasterPartsKernel = void(const float* records, const u32* sorted_ids, const u32* tile_ranges,
+                               int tiles_x, int tiles_y, int width, int height, const u32* long_lists,
+                               float* parts);
 using RasterJoinKernel = void(const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                               float background_r, float background_g, float background_b, float* image,
                               float* transmittance, float* depth, float* states, const u32* long_lists,

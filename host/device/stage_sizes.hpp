@@ -40,10 +40,11 @@ constexpr std::uint64_t list_state_floats(std::uint64_t intersections) {
   constexpr std::uint64_t kEach = 4 * kTileSide * kTileSide;
   return (intersections + kListSegment - 1) / kListSegment * kEach;
 }
-// And draw long ones in parts (kernels/gpu/list_parts.h): floats of what a part hands over, and places of parts, 0 where
-// no list can be long, or where the device does not allocate as much as they need.
+// And draw long ones in parts (kernels/gpu/list_parts.h): floats of what a part hands over, and places of
+// parts, 0 where no list can be long, or where the device does not allocate as much as they need.
 constexpr std::uint64_t list_part_floats(bool depth) { return (depth ? 7 : 5) * kTileSide * kTileSide; }
-constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth, std::uint64_t max_allocation_bytes) {
+constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
+                                   std::uint64_t max_allocation_bytes) {
   const std::uint64_t parts = intersections / (kListPart / 2);
   const bool fits = parts * list_part_floats(depth) * sizeof(float) <= max_allocation_bytes;
   return intersections > 2 * kListPart && fits ? parts : 0;

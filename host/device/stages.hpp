@@ -102,8 +102,8 @@ struct BuildLists {  // -> per tile, splats in order of (depth, index); of the v
                                            // its rect (row-major); forward only: left alone
   BufferView<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
   bool bounded = false;  // it did not wait: `totals` are bounds, the numbers are on the device
-  BufferView<std::uint32_t> long_lists = {};  // out (1), or empty: not 0 where a list has more than kLongList entries;
-                                              // RasterKind::cpu: left alone
+  BufferView<std::uint32_t> long_lists = {};  // out (1), or empty: not 0 where a list has more than kLongList
+                                              // entries; RasterKind::cpu: left alone
 };
 
 struct RasterForward {  // method.md 2.6

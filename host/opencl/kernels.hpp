@@ -97,8 +97,8 @@ inline constexpr Declared<void(const u32* tile_counts, u32 count, u32 block, u64
 inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 block,
                                const u64* sums, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
     kCountWrite{"count_write"};
-inline constexpr Declared<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32 block,
-                               u32* areas, u32* sums)>
+inline constexpr Declared<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects,
+                               u32 block, u32* areas, u32* sums)>
     kAreaSums{"area_sums"};
 inline constexpr Declared<void(const u32* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
     kRadixHistogram{"radix_histogram"};

@@ -238,8 +238,8 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
   const Blocks blocks = scan_.blocks(drawn);
   const BufferView<std::uint32_t> sums = scratch(area_sums_, blocks.count);
-  kernels_[kAreaSums](blocks.global(), blocks.group(), order, job.drawn.most, job.drawn.counted, lists.tile_rects,
-                      blocks.size, firsts, sums);
+  kernels_[kAreaSums](blocks.global(), blocks.group(), order, job.drawn.most, job.drawn.counted,
+                      lists.tile_rects, blocks.size, firsts, sums);
   scan_.exclusive_of_sums(firsts, sums, firsts, drawn);
 
   Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
@@ -267,8 +267,8 @@ void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& c
   reserve(device_, digits_, "digits", kDigits);
   radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
                           histogram);
-  radix_[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram, static_cast<std::uint32_t>(blocks.count),
-                     digits_.view());
+  radix_[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram,
+                     static_cast<std::uint32_t>(blocks.count), digits_.view());
   radix_[kRadixScatter](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,
                         count.counted, shift, histogram, digits_.view(), to.keys, to.values, to.values2);
 }

@@ -20,8 +20,8 @@ bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cp
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                            bool pieces = false) {
   const unsigned width = on_cpu(config) ? device.vector_width() : 1;
-  ProgramSpec spec{{"dialect/entry.h", "dialect/slot_pieces.h", "math/elementary.h", "math/blend.h", "math/cull.h",
-                    "opencl/lanes.h"},
+  ProgramSpec spec{{"dialect/entry.h", "dialect/slot_pieces.h", "math/elementary.h", "math/blend.h",
+                    "math/cull.h", "opencl/lanes.h"},
                    {"-DUBS_VW=" + std::to_string(width)}};
   if (on_cpu(config)) {
     append(spec.sources, {"opencl/shuffles.h", "opencl/raster_cpu.cl"});
@@ -38,9 +38,11 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
 ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                          bool pieces = false) {
   ProgramSpec spec = raster_program(device, config, exchange, pieces);
-  if (!on_cpu(config)) append(spec.sources, {"gpu/list_segments.h", "gpu/list_parts.h", "gpu/raster_forward.cl"});
+  if (!on_cpu(config))
+    append(spec.sources, {"gpu/list_segments.h", "gpu/list_parts.h", "gpu/raster_forward.cl"});
   if (config.backward && on_cpu(config)) spec.sources.push_back("opencl/slot_sum.cl");
-  if (config.backward && !on_cpu(config)) append(spec.sources, {"gpu/raster_backward.cl", "gpu/sum_slots.cl"});
+  if (config.backward && !on_cpu(config))
+    append(spec.sources, {"gpu/raster_backward.cl", "gpu/sum_slots.cl"});
   return spec;
 }
 
@@ -116,10 +118,10 @@ void Raster::run(const RasterForward& work) {
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   KernelSet& kernels = raster(false);
   const auto tiles = static_cast<std::size_t>(work.shape.tiles());
-  const std::size_t parts = on_cpu(config_) || work.long_lists.size == 0
-                                ? 0
-                                : stage_sizes::list_parts(work.sorted_ids.size, config_.depth,
-                                                          device_.info().max_allocation_bytes);
+  const std::size_t parts =
+      on_cpu(config_) || work.long_lists.size == 0
+          ? 0
+          : stage_sizes::list_parts(work.sorted_ids.size, config_.depth, device_.info().max_allocation_bytes);
   if (parts > 0) {
     reserve(device_, parts_, "parts of long lists", parts * stage_sizes::list_part_floats(config_.depth));
     kernels[kRasterGpuParts](Range{parts * kGpuGroup}, Range{kGpuGroup}, work.records, work.sorted_ids,
@@ -132,15 +134,16 @@ void Raster::run(const RasterForward& work) {
       core_groups_.launch(kernels[kRasterCpuForward], tiles, lists..., work.background[0], work.background[1],
                           work.background[2], work.image, work.transmittance, work.depth, work.masks);
     else
-      kernels[kRasterGpuForward](Range{(tiles + parts) * kGpuGroup}, Range{kGpuGroup}, lists..., work.background[0],
-                                 work.background[1], work.background[2], work.image, work.transmittance,
-                                 work.depth, work.masks, work.states, work.long_lists, handed);
+      kernels[kRasterGpuForward](Range{(tiles + parts) * kGpuGroup}, Range{kGpuGroup}, lists...,
+                                 work.background[0], work.background[1], work.background[2], work.image,
+                                 work.transmittance, work.depth, work.masks, work.states, work.long_lists,
+                                 handed);
   });
   if (parts > 0)
-    kernels[kRasterGpuJoin](Range{tiles * kGpuGroup}, Range{kGpuGroup}, work.tile_ranges, work.shape.tiles_x(),
-                            work.shape.tiles_y(), work.shape.width, work.shape.height, work.background[0],
-                            work.background[1], work.background[2], work.image, work.transmittance, work.depth,
-                            work.states, work.long_lists, parts_.view());
+    kernels[kRasterGpuJoin](Range{tiles * kGpuGroup}, Range{kGpuGroup}, work.tile_ranges,
+                            work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height,
+                            work.background[0], work.background[1], work.background[2], work.image,
+                            work.transmittance, work.depth, work.states, work.long_lists, parts_.view());
 }
 
 void Raster::run(const RasterBackward& work) {

@@ -46,12 +46,13 @@ class Scan {
   void exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out,
                  std::uint32_t count);  // out may be in
   // The same where the sums of blocks(count) are there already.
-  void exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums, BufferView<std::uint32_t> out,
-                         std::uint32_t count);
+  void exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums,
+                         BufferView<std::uint32_t> out, std::uint32_t count);
 
  private:
   template <typename In, typename Out>
-  void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count, Buffer<Out>& sums);
+  void run(KernelSet& kernels, BufferView<In> in, BufferView<Out> out, std::uint32_t count,
+           Buffer<Out>& sums);
 
   OpenclDevice& device_;
   bool chunks_;

@@ -97,7 +97,12 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
 #endif
   UBS_BARRIER();
   int count = 0, place = 0;
-  _Pragma("unroll 1") for (int word = 0; word < kBackwardWords; ++word) {  // fewer registers
+#ifdef UBS_OPENCL
+  UBS_UNROLL
+#else
+  _Pragma("unroll 1")  // six registers less; NVIDIA's OpenCL compiler makes it 20 % slower
+#endif
+  for (int word = 0; word < kBackwardWords; ++word) {
     uint bits = shared->kept[word];
     int here = ubs_popcount(bits);
     count += here;

@@ -43,8 +43,7 @@ constexpr Mutation kMutations[] = {
      "ubs_softplus(raw_opacity) / (parts + V(1.0))"},
     {"lists", "opencl/tile_list_chunks.cl", "drawn += here > 0 ? 1 : 0;", "drawn += here > 1 ? 1 : 0;"},
     // The one reads what the others have not written yet.
-    {"loss", "gpu/loss.cl", "  UBS_BARRIER();\n  if (me > 0) return;",
-     "  if (me > 0) return;"},
+    {"loss", "gpu/loss.cl", "  UBS_BARRIER();\n  if (me > 0) return;", "  if (me > 0) return;"},
 };
 
 fs::path mutant(const TempFolder& folder, const Mutation& m) {

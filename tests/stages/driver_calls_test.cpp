@@ -131,6 +131,26 @@ TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
     }
 }
 
+// 40 before a pass of the sort was three launches, and a prefix sum two.
+TEST_CASE("tile lists of a view on cards are 24 launches", "[device]") {
+  const bench::BenchScene scene = bench::synthetic_object(3, 5000, 400, 400, 1);  // 625 tiles: two passes
+  for (const auto& device : opencl_devices_under_test()) {
+    INFO(device->info().name);
+    const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
+    DeviceModel model(*device, scene.model, scene.model.count);
+    Renderer renderer(*device, *stages);
+    renderer.set_cameras({scene.views.views[0].camera});
+    calls.clear();
+    renderer.forward(model.view(), 0, {}, true);
+    const auto named = [](const char* part) {
+      return std::ranges::find_if(calls, [&](const auto& call) { return call.starts_with(part); });
+    };
+    REQUIRE(named("raster_") != calls.end());
+    const std::vector<std::string> of_lists(named("project_forward") + 1, named("raster_"));
+    CHECK(std::ranges::count_if(of_lists, [](const auto& call) { return call != "flush"; }) == 24);
+  }
+}
+
 TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
   for (const auto& device : opencl_devices_under_test()) {
     INFO(device->info().name);

@@ -57,8 +57,9 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
 }
 
 TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
-  for (const char* name : {"opencl/raster_cpu.cl", "gpu/raster_backward.cl", "opencl/slot_sum.cl", "gpu/sum_slots.cl",
-                           "gpu/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
+  for (const char* name :
+       {"opencl/raster_cpu.cl", "gpu/raster_backward.cl", "opencl/slot_sum.cl", "gpu/sum_slots.cl",
+        "gpu/loss.cl", "opencl/tile_list_chunks.cl", "map/project.cl"}) {
     const std::string text = kernel_source(name);
     const std::regex pattern("#ifndef (UBS_\\w+)\n#define UBS_\\w+ \\d+");
     for (auto it = std::sregex_iterator(text.begin(), text.end(), pattern); it != std::sregex_iterator();

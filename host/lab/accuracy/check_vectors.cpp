@@ -30,7 +30,8 @@ using check::LossVectors;
 // Least raw spatial beta: an exponent of 2, with which a kernel ends without a step in its slope. Below 1 the
 // gradient of a pixel on the rim has hardly a digit in single precision, on any device.
 constexpr float kMinBeta = -0.69f;
-constexpr std::size_t kBatch = 128;  // splats that rasterisers take at a time (kernels/gpu/raster_backward.cl)
+constexpr std::size_t kBatch =
+    128;  // splats that rasterisers take at a time (kernels/gpu/raster_backward.cl)
 
 Problem problem_of(const oracle::Scene& scene) {
   Problem p;
