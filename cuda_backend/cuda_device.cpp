@@ -30,8 +30,10 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
-// cudaFree waits for the work that may still use the memory.
+// What is under way may still use the memory. That cudaFree waits for it is not documented.
 CudaMemory::~CudaMemory() {
+  cudaStreamSynchronize(device_.stream_.get());
+  cudaStreamSynchronize(device_.upload_stream_.get());
   cudaFree(pointer_);
   device_.account(label(), -static_cast<std::int64_t>(bytes()));
 }
@@ -48,6 +50,10 @@ CudaDevice::CudaDevice(int ordinal, DeviceInfo info)
   cudaDeviceProp properties{};
   check(cudaGetDeviceProperties(&properties, ordinal), "cudaGetDeviceProperties");
   capability_ = 10 * properties.major + properties.minor;
+  std::size_t free = 0, total = 0;
+  check(cudaMemGetInfo(&free, &total), "cudaMemGetInfo");
+  info_.memory_bytes = std::min<std::uint64_t>(info_.memory_bytes, free);
+  info_.max_allocation_bytes = std::min(info_.max_allocation_bytes, info_.memory_bytes);
   for (StreamHandle* handle : {&stream_, &upload_stream_}) {
     cudaStream_t stream = nullptr;
     check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreateWithFlags");

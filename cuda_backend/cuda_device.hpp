@@ -44,6 +44,7 @@ T* pointer_of(const BufferView<T>& view) {
 
 class CudaDevice final : public Device, public TunableDevice {
  public:
+  // info().memory_bytes becomes what is free now: other programs may use the card too.
   CudaDevice(int ordinal, DeviceInfo info);
   ~CudaDevice() override;
 

@@ -107,7 +107,7 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   CHECK(render.total() < plan.total());
   const MemoryPlan copying =
       plan_memory({.dim = 6, .training = false, .raster = RasterKind::gpu, .sorts_by_copying = true});
-  CHECK(copying.each(MemoryUnit::intersection) == 4 + 20);
+  CHECK(copying.each(MemoryUnit::intersection) == 4 + 10 + 20);
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 

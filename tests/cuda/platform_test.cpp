@@ -88,5 +88,15 @@ TEST_CASE("a card that the build has no code for is passed over with the reason"
   }
 }
 
+TEST_CASE("a card that other programs use too offers what they leave", "[cuda]") {
+  const std::uint64_t all = cuda::open_device(0)->info().memory_bytes;
+  const OtherCard card({.used = std::size_t{all} / 4});
+  const DeviceInfo listed = cuda::list_devices().at(0);
+  CHECK(listed.memory_bytes == all);
+  const std::unique_ptr<Device> opened = cuda::open_device(0);
+  CHECK(opened->info().memory_bytes == all - all / 4);
+  CHECK(opened->info().max_allocation_bytes == all - all / 4);
+}
+
 }  // namespace
 }  // namespace ubs

@@ -64,7 +64,6 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
 }
 
 cudaError_t cudaFree(void* memory) {
-  for (const cudaStream_t stream : streams) cuda_on_host::run_until(stream, stream->given());
   const auto found = sizes.find(memory);
   if (found == sizes.end()) std::abort();
   auto* start = static_cast<unsigned char*>(memory);
@@ -126,6 +125,12 @@ cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   const cuda_on_host::Card& card = cuda_on_host::card;
   *properties = {"CUDA on the host", card.capability / 10, card.capability % 10, 1, kMemoryBytes, 0, 1, 0};
   return card.properties;
+}
+
+cudaError_t cudaMemGetInfo(std::size_t* free, std::size_t* total) {
+  *total = kMemoryBytes;
+  *free = kMemoryBytes - cuda_on_host::card.used;
+  return cudaSuccess;
 }
 
 namespace cuda_on_host {

@@ -176,8 +176,7 @@ struct cudaDeviceProp {
 
 namespace cuda_on_host {
 
-// Which streams run what they are given as late as CUDA allows: when the host, a stream that runs or cudaFree
-// waits for it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
+// Which streams run what they are given as late as CUDA allows: when the host or a stream that runs waits for it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
 extern std::function<bool(cudaStream_t)> is_late;
 void run_until(cudaStream_t stream, std::size_t calls);
 // Runs the call, or keeps it for later.
@@ -187,6 +186,7 @@ struct Card {
   int driver = 0, runtime = 0, capability = 90;
   cudaError_t count = cudaSuccess, properties = cudaSuccess,
               code = cudaSuccess;  // what asking for them returns
+  std::size_t used = 0;            // memory that other programs use
 };
 extern Card card;
 
@@ -205,6 +205,7 @@ inline cudaError_t cudaPointerGetAttributes(cudaPointerAttributes* attributes, c
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes);
 cudaError_t cudaFreeHost(void* memory);
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int ordinal);
+cudaError_t cudaMemGetInfo(std::size_t* free, std::size_t* total);
 inline const char* cudaGetErrorName(cudaError_t) { return "cudaError"; }
 inline const char* cudaGetErrorString(cudaError_t) { return "error on the host"; }
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
