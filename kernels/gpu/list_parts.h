@@ -31,6 +31,8 @@ UBS_FN ListPart part_of_list(UBS_GLOBAL const uint* tile_ranges, int tile, uint 
   p.place = p.list / (kListPart / 2) + number;
   return p;
 }
+
+// The part at a place, by bisection; number >= count where there is none.
 UBS_FN ListPart list_part(UBS_GLOBAL const uint* tile_ranges, int tiles, uint place) {
   int low = 0, high = tiles;
   while (high - low > 1) {

@@ -218,7 +218,8 @@ UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
 }
 
 // Last pass of long lists: adds up what the parts of a tile have taken, in their order. The states in front of segments
-// get the colour in front of their part.
+// get the colour in front of their part. Where a part has finished a pixel the later ones do not count, also where
+// rounding has left the product of transmittances just above the threshold.
 UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_join(
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance,
