@@ -2,6 +2,11 @@
 #include "host/opencl/core_groups.hpp"
 
 #include <fmt/format.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <set>
+#include <vector>
 #ifdef __x86_64__
 #include <cpuid.h>
 #endif
@@ -19,7 +24,26 @@ bool knows_rdtscp() {
 }
 #endif
 
+std::vector<std::uint32_t> usable_cores() {
+  cpu_set_t set;
+  std::vector<std::uint32_t> cores;
+  if (sched_getaffinity(0, sizeof set, &set) != 0) return cores;  // more cores than the set has room for
+  for (std::uint32_t core = 0; core < CPU_SETSIZE; ++core)
+    if (CPU_ISSET(core, &set)) cores.push_back(core);
+  return cores;
+}
+
 }  // namespace
+
+std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares) {
+  std::set<std::uint32_t> remainders;
+  for (const std::uint32_t core : cores) remainders.insert(core % shares);
+  if (cores.empty() || remainders.size() == std::min<std::size_t>(cores.size(), shares)) return "";
+  std::vector<std::uint32_t> table(cores.back() + 1, 0);
+  for (std::size_t rank = 0; rank < cores.size(); ++rank)
+    table[cores[rank]] = static_cast<std::uint32_t>(rank % shares);
+  return fmt::format("{}", fmt::join(table, ","));
+}
 
 std::uint32_t cores_for_groups(const OpenclDevice& device) {
 #ifdef __x86_64__
@@ -35,6 +59,8 @@ ProgramSpec CoreGroups::program(ProgramSpec spec) const {
   if (cores_ == 0) return spec;
   spec.sources.insert(spec.sources.begin(), "opencl/core_groups.h");
   spec.options.push_back(fmt::format("-DUBS_CORES={}", cores_));
+  if (const std::string shares = core_shares(usable_cores(), cores_); !shares.empty())
+    spec.options.push_back("-DUBS_CORE_SHARES=" + shares);
   return spec;
 }
 

@@ -5,6 +5,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <string>
 
 #include "host/opencl/opencl_device.hpp"
 
@@ -15,6 +17,11 @@ constexpr std::size_t kCoreGroupItems = 16;  // UBS_CORE_GROUP_ITEMS
 // Of PoCL on x86 CPUs of more than one core, whose kernels run in this process and can tell which core they
 // run on; else 0.
 std::uint32_t cores_for_groups(const OpenclDevice& device);
+
+// UBS_CORE_SHARES: the share of each core, "0,0,1" for shares 0 and 1 of the cores 0 and 2. cores: those that
+// the process may use, in ascending order. Empty where the remainders of their numbers by `shares` are
+// different already.
+std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares);
 
 // The kernels of a stage, which are launched in groups of one work-item. With 0 cores groups are left to the
 // driver.

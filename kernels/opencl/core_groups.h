@@ -11,10 +11,19 @@ enum { kClaimStride = 16 };
 #define UBS_CORE_GROUP_ITEMS 16  // work-items of a kernel that a group takes one after the other
 #endif
 
+// The share of the core that the caller runs on. UBS_CORE_SHARES: those of the cores from 0 on, where the process may use
+// cores whose numbers have gaps.
+#ifdef UBS_CORE_SHARES
+__constant ushort kCoreShares[] = {UBS_CORE_SHARES};
+#endif
 static inline uint ubs_core(void) {
   uint core;
   __builtin_ia32_rdtscp(&core);
-  return (core & 0xfff) % UBS_CORES;  // above: the memory node
+  core &= 0xfff;  // above: the memory node
+#ifdef UBS_CORE_SHARES
+  if (core < sizeof(kCoreShares) / sizeof(ushort)) return kCoreShares[core];
+#endif
+  return core % UBS_CORES;
 }
 
 // The group that the caller is to be.

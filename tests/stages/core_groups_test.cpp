@@ -3,7 +3,9 @@
 // work-item is run once a launch.
 #include "host/opencl/core_groups.hpp"
 
+#include <array>
 #include <catch2/catch.hpp>
+#include <vector>
 
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/kernel_folder.hpp"
@@ -21,10 +23,11 @@ TEST_CASE("work-groups of cores are run once each") {
       WARN("skipped: no groups by core on " << describe(device.info()));
       continue;
     }
-    for (const std::uint32_t cores : {1u, 2u, 3u, 7u}) {
-      CoreGroups core_groups(device, cores);
-      Kernel kernel = device.kernel(core_groups.program({{"../tests/support/core_groups_probe.cl"}, {}}),
-                                    "core_groups_probe");
+    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0: two with a table of their shares
+      CoreGroups core_groups(device, cores > 0 ? cores : 2);
+      ProgramSpec spec = core_groups.program({{"../tests/support/core_groups_probe.cl"}, {}});
+      if (cores == 0) spec.options.push_back("-DUBS_CORE_SHARES=" + core_shares(std::array{0u, 2u, 4u}, 2));
+      Kernel kernel = device.kernel(spec, "core_groups_probe");
       for (const std::size_t groups : {1u, 2u, 5u, 64u, 1000u}) {
         INFO(groups << " groups for " << cores << " cores");
         Buffer<std::uint32_t> runs(device, "runs", kCoreGroupItems * groups);
@@ -37,6 +40,16 @@ TEST_CASE("work-groups of cores are run once each") {
       }
     }
   }
+}
+
+TEST_CASE("cores whose numbers have gaps get shares of their own") {
+  CHECK(core_shares(std::array{0u, 1u, 2u, 3u}, 4) == "");
+  CHECK(core_shares(std::array{6u, 7u, 8u, 9u}, 4) == "");
+  CHECK(core_shares(std::array{1u, 4u}, 2) == "");
+  CHECK(core_shares(std::array{0u, 2u, 4u, 6u}, 4) == "0,0,1,0,2,0,3");
+  CHECK(core_shares(std::array{1u, 3u}, 2) == "0,0,0,1");
+  CHECK(core_shares(std::array{0u, 2u, 4u}, 2) == "0,0,1,0,0");
+  CHECK(core_shares(std::vector<std::uint32_t>{}, 2) == "");
 }
 
 }  // namespace
