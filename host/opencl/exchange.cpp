@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/exchange.hpp"
 
+#include <vector>
+
 namespace ubs::opencl {
 namespace {
 
@@ -27,9 +29,30 @@ Options exchange_options(const OpenclDevice& device, Exchange kind) {
   return options;
 }
 
-bool in_rows(const Kernel& kernel, Exchange kind, Range group) {
-  if (kind != Exchange::khr) return kind != Exchange::none;  // waves of 32 or 64
-  return kernel.sub_group_size(group) >= kRow && kernel.sub_group_size(group) % kRow == 0;
+std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group) {
+  if (kind != Exchange::khr) return "";  // waves of 32 or 64
+  const std::size_t size = kernel.sub_group_size(group);
+  if (size == 0) return "the driver does not tell the size of sub-groups";
+  return size % kRow == 0 ? "" : fmt::format("sub-groups have {} work-items, no multiple of {}", size, kRow);
+}
+
+std::string fault_of_values(OpenclDevice& device, Kernel check) {
+  constexpr int kVisits = 16, kBlocks = 16, kSums = 10, kGroup = 256;  // of kernels/gpu/exchange_check.cl
+  const auto value = [](int item, int visit, int i) { return (item * 7 + visit * 3 + i * 5) % 64; };
+  Buffer<float> sums(device, "check of the lane exchange", kVisits * kBlocks * kSums);
+  sums.zero();
+  check(Range{kGroup}, Range{kGroup}, sums.view());
+  const std::vector<float> computed = sums.download();
+  auto at = computed.begin();
+  for (int visit = 0; visit < kVisits; ++visit)
+    for (int block = 0; block < kBlocks; ++block)
+      for (int i = 0; i < kSums; ++i) {
+        int expected = 0;
+        for (int lane = 0; lane < static_cast<int>(kRow) && visit < kVisits - block; ++lane)
+          expected += value(block * static_cast<int>(kRow) + lane, visit, i);
+        if (*at++ != static_cast<float>(expected)) return "the lane exchange gives wrong values";
+      }
+  return "";
 }
 
 }  // namespace ubs::opencl

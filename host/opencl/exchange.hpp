@@ -17,7 +17,10 @@ Exchange exchange_kind(const OpenclDevice& device);
 // The options of a program with it.
 Options exchange_options(const OpenclDevice& device, Exchange kind);
 
-// Whether the kernel, which is built with `kind`, has waves of whole rows of 16 lanes in groups of this size.
-bool in_rows(const Kernel& kernel, Exchange kind, Range group);
+// Why lanes of the kernel, which is built with `kind`, cannot exchange values in groups of this size: waves
+// must have whole rows of 16 lanes. Empty where they can.
+std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group);
+// Runs kernels/gpu/exchange_check.cl and compares its sums. Waits. Empty where they are right.
+std::string fault_of_values(OpenclDevice& device, Kernel check);
 
 }  // namespace ubs::opencl

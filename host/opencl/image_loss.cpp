@@ -10,8 +10,9 @@
 namespace ubs::opencl {
 namespace {
 
-// As in kernels/gpu/loss.cl.
-constexpr std::size_t kTotalGroup = 192;
+// Work-items of the group that adds up all tiles, as in kernels/gpu/loss.cl: three channels of 64 shares, or,
+// on CPUs, one channel after the other.
+std::size_t total_group(unsigned width) { return width == 1 ? 192 : 64; }
 
 BufferView<std::uint8_t> bytes_of(const ImageLoss& loss) {
   return loss.target.size > 0 ? loss.target : BufferView<std::uint8_t>{};
@@ -21,15 +22,18 @@ BufferView<float> floats_of(const ImageLoss& loss) {
 }
 
 // Columns of a tile. With vectors the wider the better, because the halo is summed too: 2.9 ms at 112 and 3.3
-// ms at 48 (800 x 800); 112 needs 60 KiB of local memory, 48 needs 30 KiB, the least that devices have is 32
-// KiB.
+// ms at 48 (800 x 800); 112 needs 60 KiB of local memory and 48 needs 30 KiB. 32 KiB is the least that full
+// profiles of OpenCL have, embedded ones have less.
 std::size_t tile_width(const OpenclDevice& device, unsigned width) {
   const auto& tuning = device.info().tuning;
   if (width == 1) return tuned_value(tuning, "UBS_LOSS_TILE_GPU");
   cl_ulong local_bytes = 0;
   check(clGetDeviceInfo(device.id(), CL_DEVICE_LOCAL_MEM_SIZE, sizeof local_bytes, &local_bytes, nullptr),
         "clGetDeviceInfo");
-  return tuned_value(tuning, "UBS_LOSS_TILE", local_bytes >= 64 * 1024 ? 112 : 48);
+  return tuned_value(tuning, "UBS_LOSS_TILE",
+                     local_bytes >= 64 * 1024   ? 112
+                     : local_bytes >= 32 * 1024 ? 48
+                                                : 16);
 }
 
 ProgramSpec program(unsigned width, std::size_t tile_x, bool masked) {
@@ -112,7 +116,7 @@ void ImageLossKernels::run(const ImageLoss& loss) {
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels(shape)))
     run_channels(loss, channel, maps);
   const Range count = tiles(shape);
-  kernels(loss)[kLossTotal]({kTotalGroup}, {kTotalGroup}, tile_sums_.view(),
+  kernels(loss)[kLossTotal]({total_group(width_)}, {total_group(width_)}, tile_sums_.view(),
                             static_cast<int>(count.x * count.y), counted_pixels(loss), loss.sums,
                             loss.sums_offset);
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/kernel.hpp"
 
+#include <dlfcn.h>
+
 #include "host/opencl/driver_watch.hpp"
 #include "host/opencl/memory.hpp"
 #include "host/opencl/opencl_device.hpp"
@@ -15,6 +17,25 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
     fail(ErrorKind::internal, "no kernel '{}' in its program ({})", name_, error_name(code));
   check(clGetKernelInfo(kernel_.get(), CL_KERNEL_NUM_ARGS, sizeof argument_count_, &argument_count_, nullptr),
         "clGetKernelInfo");
+  check_local_memory();
+  check(clGetKernelWorkGroupInfo(kernel_.get(), device_->id(), CL_KERNEL_WORK_GROUP_SIZE, sizeof group_limit_,
+                                 &group_limit_, nullptr),
+        "clGetKernelWorkGroupInfo");
+}
+
+void Kernel::check_local_memory() const {
+  cl_ulong needed = 0, available = 0;
+  check(clGetKernelWorkGroupInfo(kernel_.get(), device_->id(), CL_KERNEL_LOCAL_MEM_SIZE, sizeof needed,
+                                 &needed, nullptr),
+        "clGetKernelWorkGroupInfo");
+  check(clGetDeviceInfo(device_->id(), CL_DEVICE_LOCAL_MEM_SIZE, sizeof available, &available, nullptr),
+        "clGetDeviceInfo");
+  if (needed > available)
+    fail(
+        ErrorKind::device,
+        "kernel '{}' needs {} bytes of local memory, but {} has only {}: set raster = cpu, or choose another "
+        "device with --device",
+        name_, needed, device_->info().name, available);
 }
 
 cl_mem Kernel::memory_of(Memory* memory) {
@@ -64,21 +85,26 @@ void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
 }
 
 std::size_t Kernel::sub_group_size(Range group) const {
-  // Of cl_khr_subgroups, which headers for OpenCL 1.2 do not have.
+  // Headers for OpenCL 1.2 have neither the function of OpenCL 2.1 nor the one of cl_khr_subgroups.
   using Query = cl_int(CL_API_CALL*)(cl_kernel, cl_device_id, cl_uint, std::size_t, const void*, std::size_t,
                                      void*, std::size_t*);
-  constexpr cl_uint kSizeForRange = 0x2033;  // CL_KERNEL_MAX_SUB_GROUP_SIZE_FOR_NDRANGE_KHR
+  constexpr cl_uint kSizeForRange =
+      0x2033;  // CL_KERNEL_MAX_SUB_GROUP_SIZE_FOR_NDRANGE, with and without _KHR
+  const std::size_t sizes[3] = {group.x, group.y, group.z};
+  const auto ask = [&](void* function) {
+    std::size_t size = 0;
+    const auto query = reinterpret_cast<Query>(function);
+    const bool answered = query && query(kernel_.get(), device_->id(), kSizeForRange, sizeof sizes, sizes,
+                                         sizeof size, &size, nullptr) == CL_SUCCESS;
+    return answered ? size : 0;
+  };
+  // A loader may call an older driver through a table that ends before this function.
+  if (device_->info().version >= "OpenCL 2.1")
+    if (const std::size_t size = ask(dlsym(RTLD_DEFAULT, "clGetKernelSubGroupInfo"))) return size;
   cl_platform_id platform = nullptr;
   check(clGetDeviceInfo(device_->id(), CL_DEVICE_PLATFORM, sizeof platform, &platform, nullptr),
         "clGetDeviceInfo");
-  const auto query = reinterpret_cast<Query>(
-      clGetExtensionFunctionAddressForPlatform(platform, "clGetKernelSubGroupInfoKHR"));
-  const std::size_t sizes[3] = {group.x, group.y, group.z};
-  std::size_t size = 0;
-  if (!query || query(kernel_.get(), device_->id(), kSizeForRange, sizeof sizes, sizes, sizeof size, &size,
-                      nullptr) != CL_SUCCESS)
-    return 0;
-  return size;
+  return ask(clGetExtensionFunctionAddressForPlatform(platform, "clGetKernelSubGroupInfoKHR"));
 }
 
 void Kernel::launch(Range global, Range local) {
@@ -86,6 +112,11 @@ void Kernel::launch(Range global, Range local) {
   if (global.x % local.x != 0 || global.y % local.y != 0 || global.z % local.z != 0)
     fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is no multiple of local size {}x{}x{}",
          name_, global.x, global.y, global.z, local.x, local.y, local.z);
+  if (const std::size_t items = local.x * local.y * local.z; items > group_limit_)
+    fail(ErrorKind::device,
+         "kernel '{}' needs work-groups of {} work-items, but {} allows at most {} for this kernel: set "
+         "raster = cpu, or choose another device with --device",
+         name_, items, device_->info().name, group_limit_);
   const std::size_t sizes[3] = {global.x, global.y, global.z};
   const std::size_t groups[3] = {local.x, local.y, local.z};
   cl_event event = nullptr;

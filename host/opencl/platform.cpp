@@ -66,6 +66,20 @@ std::string pci_address(cl_device_id device, const std::string& extensions) {
   return pci_text(pci);
 }
 
+// What a device offers to a work-group. The kernels for cards run in groups of 256 work-items, and the
+// largest of them takes 28 KiB of local memory (gpu/raster_backward.cl); full profiles of OpenCL have 32 KiB.
+struct GroupLimits {
+  std::size_t items;
+  std::uint64_t local_bytes;
+  static constexpr std::size_t kItemsNeeded = 256;
+  static constexpr std::uint64_t kLocalNeeded = 32 * 1024;
+  bool too_small() const { return items < kItemsNeeded || local_bytes < kLocalNeeded; }
+};
+GroupLimits group_limits(cl_device_id device) {
+  return {device_value<std::size_t>(device, CL_DEVICE_MAX_WORK_GROUP_SIZE),
+          device_value<cl_ulong>(device, CL_DEVICE_LOCAL_MEM_SIZE)};
+}
+
 DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   DeviceInfo info;
   info.backend = "opencl";
@@ -89,6 +103,8 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
     // times the code.
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : native >= 2 ? 4 : 1;
+  } else if (group_limits(device).too_small()) {
+    info.float_vector_width = 4;  // the kernels for CPUs, whose groups are single work-items
   }
   const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
   info.pci = pci_address(device, extensions);
@@ -178,8 +194,16 @@ std::vector<DeviceInfo> list_devices() {
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width) {
   std::vector<Entry> all = entries();
   if (index >= all.size()) fail(ErrorKind::device, "there is no OpenCL device {}", index);
-  if (float_vector_width != 0) all[index].info.float_vector_width = float_vector_width;
-  return std::make_unique<OpenclDevice>(all[index].platform, all[index].device, all[index].info);
+  DeviceInfo& info = all[index].info;
+  if (float_vector_width != 0) info.float_vector_width = float_vector_width;
+  if (const GroupLimits limits = group_limits(all[index].device);
+      info.type != DeviceType::cpu && limits.too_small())
+    warn_once(
+        fmt::format("{} allows work-groups of {} work-items and {} KiB of local memory, but the kernels for "
+                    "cards need {} and {} KiB: the slower kernels for CPUs are used",
+                    info.name, limits.items, limits.local_bytes >> 10, GroupLimits::kItemsNeeded,
+                    GroupLimits::kLocalNeeded >> 10));
+  return std::make_unique<OpenclDevice>(all[index].platform, all[index].device, info);
 }
 
 }  // namespace ubs::opencl

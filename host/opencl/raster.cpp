@@ -43,6 +43,7 @@ ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config,
   if (config.backward && on_cpu(config)) spec.sources.push_back("opencl/slot_sum.cl");
   if (config.backward && !on_cpu(config))
     append(spec.sources, {"gpu/raster_backward.cl", "gpu/sum_slots.cl"});
+  if (config.backward && exchange != Exchange::none) spec.sources.push_back("gpu/exchange_check.cl");
   return spec;
 }
 
@@ -81,7 +82,8 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sum_group_(sum_group(device, config, core_groups_)),
       weights_(device, weights_program(device, config)) {}
 
-// Only a compiler can tell whether it takes the instructions of a card, and how wide the kernel's waves are.
+// Only a compiler can tell whether it takes the instructions of a card and how wide the kernel's waves are,
+// and only a run whether the values are right.
 Exchange Raster::exchange() {
   if (exchange_) return *exchange_;
   exchange_ = Exchange::none;
@@ -89,14 +91,20 @@ Exchange Raster::exchange() {
   const Exchange kind =
       on_cpu(config_) || !config_.backward || !wanted ? Exchange::none : exchange_kind(device_);
   if (kind == Exchange::none) return *exchange_;
+  std::string fault;
   try {
     const ProgramSpec spec = device_.tuned(view_program(device_, config_, kind));
-    if (in_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup})) exchange_ = kind;
+    fault = fault_of_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup});
+    if (fault.empty()) fault = fault_of_values(device_, device_.kernel(spec, "exchange_check"));
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::build) throw;
-    warn_once(fmt::format("{}: sums go through local memory, which is slower: {}", device_.info().name,
-                          error.what()));
+    fault = error.what();
   }
+  if (fault.empty())
+    exchange_ = kind;
+  else
+    warn_once(fmt::format("{}: gradients are summed through local memory, which is slower: {}",
+                          device_.info().name, fault));
   return *exchange_;
 }
 

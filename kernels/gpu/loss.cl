@@ -55,7 +55,7 @@
 // pixels are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
-#define LOSS_TOTAL_GROUP (3 * LOSS_SHARES)
+#define LOSS_TOTAL_GROUP (LOSS_GROUP == 1 ? LOSS_SHARES : 3 * LOSS_SHARES)
 
 UBS_CONSTANT real kWindow[kSsimTaps] = UBS_SSIM_WEIGHTS;
 
@@ -500,24 +500,27 @@ UBS_FN LossSum add_share(LossSum s, real share) {
   return s;
 }
 
-// One work-group. Of each channel work-item i adds the tiles i, i + 64, ..., then one the 64 shares of a
-// quantity.
+// One work-group. A channel has 64 shares: share i is the sum of the tiles i, i + 64, ... Then one work-item adds the
+// shares of a quantity.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
   UBS_SHARED real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
-  int me = ubs_local_id(), channel = me / LOSS_SHARES, share = me % LOSS_SHARES;
-  LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
-  UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
-  _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {  // so that four are on the way
-    float4 tile_sum = of_channel[tile];
-    l1 = add_share(l1, tile_sum.x);
-    ssim = add_share(ssim, tile_sum.y);
-    square = add_share(square, tile_sum.z);
+  int me = ubs_local_id();
+  for (int i = me; i < 3 * LOSS_SHARES; i += LOSS_TOTAL_GROUP) {
+    int channel = i / LOSS_SHARES, share = i % LOSS_SHARES;
+    LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
+    UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
+    _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {  // so that four are on the way
+      float4 tile_sum = of_channel[tile];
+      l1 = add_share(l1, tile_sum.x);
+      ssim = add_share(ssim, tile_sum.y);
+      square = add_share(square, tile_sum.z);
+    }
+    UBS_LOCAL real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
+    mine[0] = l1.sum;
+    mine[LOSS_SHARES + 1] = ssim.sum;
+    mine[2 * (LOSS_SHARES + 1)] = square.sum;
   }
-  UBS_LOCAL real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
-  mine[0] = l1.sum;
-  mine[LOSS_SHARES + 1] = ssim.sum;
-  mine[2 * (LOSS_SHARES + 1)] = square.sum;
   UBS_BARRIER();
   if (me < 9) {
     LossSum s = {R(0.0), R(0.0)};

@@ -6,14 +6,25 @@
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <numeric>
+#include <optional>
 
+#include "host/base/temporary_folder.hpp"
+#include "host/base/warning.hpp"
 #include "host/lab/bench/bench_scene.hpp"
+#include "host/lab/oracle/scenes.hpp"
 #include "host/opencl/opencl_device.hpp"
+#include "host/opencl/platform.hpp"
 #include "host/opencl/projection.hpp"
 #include "host/pipeline/device_model.hpp"
 #include "host/pipeline/renderer.hpp"
+#include "host/pipeline/view_gradient.hpp"
+#include "tests/support/compare.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/set_variable.hpp"
 
@@ -26,6 +37,23 @@ struct Copy {
 std::vector<std::string> calls;             // names of kernels, and "flush"
 std::map<std::string, std::size_t> groups;  // work-items of a group, by kernel
 std::vector<Copy> pinned, writes;
+
+// What the driver answers instead of the truth, where it is not 0.
+struct Answers {
+  cl_device_type type = 0;
+  std::size_t device_items = 0, kernel_items = 0;           // work-items of a group at most
+  cl_ulong device_local_bytes = 0, kernel_local_bytes = 0;  // local memory: there is, a kernel needs
+  std::string more_extensions = "";                         // of the device
+};
+Answers answers;
+cl_ulong most_local_bytes = 0;  // of a kernel that was launched
+
+template <typename T>
+bool answer(const T& value, std::size_t size, void* to) {
+  if (value == 0 || size != sizeof value || !to) return false;
+  std::memcpy(to, &value, sizeof value);
+  return true;
+}
 
 template <typename Function>
 Function* next(Function*, const char* name) {
@@ -41,13 +69,46 @@ cl_int clFlush(cl_command_queue queue) {
   return next(&clFlush, "clFlush")(queue);
 }
 
+cl_int clGetDeviceInfo(cl_device_id device, cl_device_info what, std::size_t size, void* to,
+                       std::size_t* bytes) {
+  const bool answered = (what == CL_DEVICE_TYPE && answer(answers.type, size, to)) ||
+                        (what == CL_DEVICE_MAX_WORK_GROUP_SIZE && answer(answers.device_items, size, to)) ||
+                        (what == CL_DEVICE_LOCAL_MEM_SIZE && answer(answers.device_local_bytes, size, to));
+  if (answered) return CL_SUCCESS;
+  const auto real = next(&clGetDeviceInfo, "clGetDeviceInfo");
+  if (what != CL_DEVICE_EXTENSIONS || answers.more_extensions.empty())
+    return real(device, what, size, to, bytes);
+  std::string all(4096, '\0');
+  std::size_t length = 0;
+  const cl_int code = real(device, what, all.size(), all.data(), &length);
+  all = all.substr(0, length - 1) + " " + answers.more_extensions;
+  if (bytes) *bytes = all.size() + 1;
+  if (to) std::memcpy(to, all.c_str(), std::min(size, all.size() + 1));
+  return code;
+}
+
+cl_int clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id device, cl_kernel_work_group_info what,
+                                std::size_t size, void* to, std::size_t* bytes) {
+  const bool answered = (what == CL_KERNEL_WORK_GROUP_SIZE && answer(answers.kernel_items, size, to)) ||
+                        (what == CL_KERNEL_LOCAL_MEM_SIZE && answer(answers.kernel_local_bytes, size, to));
+  return answered ? CL_SUCCESS
+                  : next(&clGetKernelWorkGroupInfo, "clGetKernelWorkGroupInfo")(kernel, device, what, size,
+                                                                                to, bytes);
+}
+
 cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions,
                               const std::size_t* offset, const std::size_t* global, const std::size_t* local,
                               cl_uint waits, const cl_event* wait_list, cl_event* event) {
   char name[128] = "";
   clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, nullptr);
   calls.emplace_back(name);
-  groups[name] = local ? local[0] : 0;
+  groups[name] = local ? local[0] * local[1] * local[2] : 0;
+  cl_device_id device = nullptr;
+  cl_ulong local_bytes = 0;
+  clGetCommandQueueInfo(queue, CL_QUEUE_DEVICE, sizeof device, &device, nullptr);
+  clGetKernelWorkGroupInfo(kernel, device, CL_KERNEL_LOCAL_MEM_SIZE, sizeof local_bytes, &local_bytes,
+                           nullptr);
+  most_local_bytes = std::max(most_local_bytes, local_bytes);
   return next(&clEnqueueNDRangeKernel, "clEnqueueNDRangeKernel")(queue, kernel, dimensions, offset, global,
                                                                  local, waits, wait_list, event);
 }
@@ -263,6 +324,133 @@ TEST_CASE("twice the registers are asked for where Intel's device says that it h
   CHECK(large_register_option(with, version(12, 0)).empty());     // Xe-LP
   CHECK(large_register_option(with, version(9, 0)).empty());
   CHECK(large_register_option("cl_khr_fp16", version(12, 55)).empty());
+}
+
+struct AnswersFor {
+  explicit AnswersFor(const Answers& given) { answers = given; }
+  ~AnswersFor() { answers = {}; }
+};
+
+// Warnings of `work`.
+template <typename Work>
+std::string warnings_of(const Work& work) {
+  std::string said;
+  set_log([&](LogLevel level, const std::string& text) {
+    if (level == LogLevel::warning) said += text + "\n";
+  });
+  work();
+  set_log({});
+  return said;
+}
+
+// A training step on a card whose groups are small: 128 or 192 work-items, or 16 KiB of local memory.
+TEST_CASE("cards with small work-groups run the kernels for CPUs, and say so", "[device]") {
+  const oracle::Scene scene =
+      oracle::regular_scene({.count = 150, .dim = 4, .seed = 11, .width = 45, .height = 38});
+  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  const auto gradient = [&](Device& device) {
+    const auto stages = ubs::make_stages(device, {.dim = 4, .raster = raster_kind("auto", device.info())});
+    return view_gradient(device, *stages, scene.model, scene.camera, target, {}, 0.2f).values.values;
+  };
+  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  const std::vector<float> usual = gradient(*opencl::open_device(0));
+  const std::vector<double> expected(usual.begin(), usual.end());
+  for (const Answers& small :
+       {Answers{.type = CL_DEVICE_TYPE_GPU, .device_items = 128, .device_local_bytes = 16384},
+        Answers{.type = CL_DEVICE_TYPE_GPU, .device_items = 192},
+        Answers{.type = CL_DEVICE_TYPE_GPU, .device_local_bytes = 16384}}) {
+    const AnswersFor as(small);
+    groups.clear();
+    most_local_bytes = 0;
+    std::unique_ptr<Device> device;
+    const std::string said = warnings_of([&] { device = opencl::open_device(0); });
+    CHECK_THAT(said, Catch::Contains("the slower kernels for CPUs are used"));
+    CHECK(raster_kind("auto", device->info()) == RasterKind::cpu);
+    CHECK(test::relative_error(gradient(*device), expected) < 2e-5);
+    REQUIRE(groups.size() > 10);
+    for (const auto& [kernel, items] : groups) {
+      INFO(kernel);
+      CHECK(items <= 128);
+    }
+    if (small.device_local_bytes > 0) CHECK(most_local_bytes <= small.device_local_bytes);
+  }
+}
+
+TEST_CASE("a kernel that does not fit into a group is refused with what it needs and what there is",
+          "[device]") {
+  const oracle::Scene scene =
+      oracle::regular_scene({.count = 20, .dim = 3, .seed = 1, .width = 20, .height = 20});
+  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  const auto draw = [&] {
+    const auto device = opencl::open_device(0);
+    const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
+    DeviceModel model(*device, scene.model, scene.model.count);
+    Renderer renderer(*device, *stages);
+    renderer.set_cameras({scene.camera});
+    renderer.forward(model.view(), 0, {}, true);
+  };
+  {
+    const AnswersFor as({.kernel_items = 128});
+    CHECK_THROWS_WITH(draw(), Catch::Contains("needs work-groups of 256 work-items, but") &&
+                                  Catch::Contains("allows at most 128 for this kernel: set raster = cpu"));
+  }
+  const AnswersFor as({.device_local_bytes = 32768, .kernel_local_bytes = 40000});
+  CHECK_THROWS_WITH(
+      draw(), Catch::Contains("needs 40000 bytes of local memory, but") && Catch::Contains("has only 32768"));
+}
+
+// Kernels whose lane exchange is another one, in a folder.
+struct OtherExchange {
+  explicit OtherExchange(const std::string& text) {
+    std::filesystem::copy(UBS_SOURCE_DIR "/kernels", folder.path() / "kernels",
+                          std::filesystem::copy_options::recursive);
+    std::ofstream(folder.path() / "kernels/gpu/exchange.h") << text;
+    source.emplace("UBS_KERNEL_DIR", (folder.path() / "kernels").c_str());
+  }
+  TemporaryFolder folder;
+  std::optional<test::Variable> source;
+};
+
+// A driver that says that it is NVIDIA's: what stands in exchange.h is emulated in local memory, rightly or
+// wrongly.
+TEST_CASE("a lane exchange that gives wrong values is replaced by local memory, with a warning", "[device]") {
+  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
+  const AnswersFor as({.type = CL_DEVICE_TYPE_GPU, .more_extensions = "cl_nv_device_attribute_query"});
+  const oracle::Scene scene =
+      oracle::regular_scene({.count = 150, .dim = 3, .seed = 11, .width = 45, .height = 38});
+  const std::vector<float> target(scene.target.begin(), scene.target.end());
+  std::ifstream file(UBS_SOURCE_DIR "/tests/support/emulated_exchange.h");
+  const std::string right{std::istreambuf_iterator<char>(file), {}};
+  const auto broken = [&](const std::string& from, const std::string& to) {
+    std::string text = right;
+    const std::size_t at = text.find(from);
+    REQUIRE(at != std::string::npos);
+    return text.replace(at, from.size(), to);
+  };
+  struct Case {
+    std::string text, warning;
+  };
+  const Case cases[] = {
+      {right, ""},
+      {broken("handed[item ^ distance]", "handed[item ^ (distance / 2)]"),
+       "the lane exchange gives wrong values"},
+      {"#if UBS_SUBGROUPS\n#error no such instruction\n#endif\n" + right, "summed through local memory"},
+  };
+  std::vector<double> expected;
+  for (const Case& c : cases) {
+    const OtherExchange exchange(c.text);
+    const auto device = opencl::open_device(0);
+    const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
+    std::vector<float> values;
+    const std::string said = warnings_of([&] {
+      values = view_gradient(*device, *stages, scene.model, scene.camera, target, {}, 0.2f).values.values;
+    });
+    INFO(said);
+    CHECK(said.empty() == c.warning.empty());
+    CHECK_THAT(said, Catch::Contains(c.warning));
+    if (expected.empty()) expected.assign(values.begin(), values.end());
+    CHECK(std::ranges::equal(values, expected));
+  }
 }
 
 TEST_CASE("splats are projected in groups that fill the waves of a GPU, as tuned") {
