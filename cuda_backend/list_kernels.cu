@@ -31,8 +31,8 @@ __device__ __forceinline__ size_t global_index() {
 
 constexpr u32 kLargestKey = 0xffffffffu;
 
-// Lists the splats that are drawn, in their order, and behind them as many largest keys as there are others:
-// what is sorted may be a bound.
+// Lists the splats that are drawn, in their order, and behind them the others with the largest key: what is sorted may
+// be a bound.
 __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits,
                              const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
@@ -44,7 +44,7 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   const bool listed = tiles > 0;
   const u32 others_before = static_cast<u32>(i) - drawn_before;
   const size_t place = listed ? drawn_before : count - 1 - others_before;
-  if (listed) visible_ids[place] = static_cast<u32>(i);
+  visible_ids[place] = static_cast<u32>(i);
   keys[place] = listed ? depth_keys[i] : kLargestKey;
   if (i + 1 == count) {
     totals[0] = drawn_before + (tiles > 0 ? 1 : 0);
@@ -88,21 +88,22 @@ __global__ void __launch_bounds__(kListBlock)
   ids[place] = id;
 }
 
-// One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
-// 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
-// those of the empty tiles before it. long_lists: set where a list is long; emit_intersections has cleared it.
+// One thread a tile and one more: first place of its list, by bisection. The same threads, one an intersection: its
+// slot, which follows from tile and rectangle, so that the sort moves 8 bytes an intersection instead of 12.
+// long_lists: set where a list is long; emit_intersections has cleared it.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
                              u32* slots, u32* tile_ranges, u32* long_lists) {
   const u32 intersections = listed(most_pairs, pairs);
   const size_t i = global_index();
-  if (i > intersections) return;
-  const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;
-  const u32 tile = i == intersections ? tiles : tiles_sorted[i];
-  for (u32 t = from; t <= tile; ++t) tile_ranges[t] = static_cast<u32>(i);
-  if (long_lists && from <= tile && intersections - i > kLongList && tiles_sorted[i + kLongList] == tile)
-    atomicOr(long_lists, 1u);
-  if (i == intersections || !slots) return;
+  if (i <= tiles) {
+    const u32 first = first_of_tile(tiles_sorted, intersections, static_cast<u32>(i));
+    tile_ranges[i] = first;
+    if (long_lists && intersections - first > kLongList && tiles_sorted[first + kLongList] == i)
+      atomicOr(long_lists, 1u);
+  }
+  if (i >= intersections || !slots) return;
+  const u32 tile = tiles_sorted[i];
   const u32 id = ids[i], row = tile / tiles_x;
   const TileRect rect = rect_of(tile_rects, id);
   slots[i] = slot_offsets[id] + (row - rect.y0) * tile_rect_width(rect) + (tile - row * tiles_x - rect.x0);
