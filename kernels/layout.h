@@ -75,13 +75,14 @@ enum {
   kSplatStride = 16
 };
 
-// ---- Gradient of a projected splat: one slot of 16 reals an intersection; summed per splat ----
+// ---- Gradient of a projected splat: one slot an intersection; summed per splat ----
 enum {
   kGradX, kGradY,                // dL/d mean [1/px]
   kGradW00, kGradW01, kGradW11,  // dL/d ellipse in its own coordinates (EllipseVjp of math/ellipse.h)
   kGradOpacity, kGradBeta, kGradR, kGradG, kGradB,
   kGradDepth,                    // with UBS_DEPTH_GRAD; else not read
-  kGradStride = 16
+  kGradStride = 16,              // of the sums, and of the slots of CPUs, which are one vector
+  kCardSlotStride = 12           // of the slots of cards (kernels/gpu): the three words of 16 bytes that have a value
 };
 #ifndef UBS_DEPTH_GRAD
 #define UBS_DEPTH_GRAD 0

@@ -94,7 +94,7 @@ class Planner {
     if (q_.training) {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
-      per_intersection("gradient slots", kWord * int{kGradStride});
+      per_intersection("gradient slots", kWord * slot_floats(q_.raster));
       plan_.items.back().splits = true;
       if (q_.raster == RasterKind::gpu)
         per_intersection("list states", kWord * static_cast<double>(sizes::list_state_floats(kListSegment)) /
@@ -220,13 +220,17 @@ std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device) {
         "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
         "smaller images",
         largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
-  const std::uint64_t slots = SlotStore::most(device) * kGradStride * sizeof(float);
-  for (const MemoryItem& item : plan.items)
-    if (item.splits && item.bytes > slots)
+  for (const MemoryItem& item : plan.items) {
+    if (!item.splits) continue;
+    const auto slot_bytes = static_cast<std::uint64_t>(item.each);
+    const std::uint64_t slots =
+        SlotStore::most(device, static_cast<unsigned>(slot_bytes / sizeof(float))) * slot_bytes;
+    if (item.bytes > slots)
       return fmt::format(
           "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
           "splats or smaller images",
           item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
+  }
   const std::string limits = memory_limits_text();
   const bool shared = device.type == DeviceType::cpu && !limits.empty();
   if (const std::uint64_t needed = plan.total() + (shared ? saving_bytes(plan) : 0);

@@ -102,7 +102,8 @@ std::vector<float> cropped_planes(std::span<const float> padded, const ImageShap
   return planes;
 }
 
-Renderer::Renderer(Device& device, Stages& stages) : device_(device), stages_(stages), slots_(device) {}
+Renderer::Renderer(Device& device, Stages& stages)
+    : device_(device), stages_(stages), slots_(device, slot_floats(stages.config().raster)) {}
 
 void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   std::vector<float> records;
@@ -153,13 +154,14 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
   const std::size_t states = divides_lists() ? stage_sizes::list_state_floats(n) * sizeof(float) : 0;
-  const std::size_t listed = std::max(n * sizeof(std::uint32_t), states), each = kGradStride * sizeof(float);
+  const unsigned floats = slot_floats(stages_.config().raster);
+  const std::size_t listed = std::max(n * sizeof(std::uint32_t), states), each = floats * sizeof(float);
   if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory,
          "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
          "allocates at most {} MiB in one piece: use smaller images or splats",
          n, shape_.width, shape_.height, listed >> 20, info.name, info.max_allocation_bytes >> 20);
-  const std::uint64_t most = std::min(SlotStore::most(info), info.memory_bytes / each);
+  const std::uint64_t most = std::min(SlotStore::most(info, floats), info.memory_bytes / each);
   if (for_backward && n > most)
     fail(ErrorKind::memory,
          "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} "

@@ -5,50 +5,48 @@
 #include <bit>
 
 #include "host/base/error.hpp"
-#include "kernels/layout.h"
 
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kSlotBytes = kGradStride * sizeof(float);
 constexpr std::uint64_t kMaxSlots = 0xffffffffu;  // their numbers have 32 bits
 
-std::uint64_t in_one_piece(const DeviceInfo& device) {
-  return std::clamp<std::uint64_t>(device.max_allocation_bytes / kSlotBytes, 1, kMaxSlots);
+std::uint64_t in_one_piece(const DeviceInfo& device, unsigned floats) {
+  return std::clamp<std::uint64_t>(device.max_allocation_bytes / (floats * sizeof(float)), 1, kMaxSlots);
 }
 
 }  // namespace
 
-std::uint64_t SlotStore::most(const DeviceInfo& device) {
-  const std::uint64_t one = in_one_piece(device);
+std::uint64_t SlotStore::most(const DeviceInfo& device, unsigned floats) {
+  const std::uint64_t one = in_one_piece(device, floats);
   return std::min(kMaxSlots, std::max(one, SlotViews::kMaxPieces * std::bit_floor(one)));
 }
 
 void SlotStore::reserve(std::uint64_t slots) {
   if (slots <= size_) return;
   const DeviceInfo& info = device_.info();
-  const std::uint64_t others = device_.allocated_bytes() - size_ * kSlotBytes;
-  const std::uint64_t free = info.memory_bytes > others ? (info.memory_bytes - others) / kSlotBytes : 0;
-  const std::uint64_t possible = std::min(most(info), free), one = in_one_piece(info);
+  const std::uint64_t others = device_.allocated_bytes() - size_ * bytes();
+  const std::uint64_t free = info.memory_bytes > others ? (info.memory_bytes - others) / bytes() : 0;
+  const std::uint64_t possible = std::min(most(info, floats_), free), one = in_one_piece(info, floats_);
   if (slots > possible)
     fail(ErrorKind::memory,
          "{} gradient slots need {} MiB, but {} has {} MiB of which {} are taken, and {} pieces of {} MiB "
          "are the most: use fewer splats or smaller images",
-         slots, slots * kSlotBytes >> 20, info.name, info.memory_bytes >> 20, others >> 20,
-         SlotViews::kMaxPieces, std::bit_floor(one) * kSlotBytes >> 20);
+         slots, slots * bytes() >> 20, info.name, info.memory_bytes >> 20, others >> 20,
+         SlotViews::kMaxPieces, std::bit_floor(one) * bytes() >> 20);
   std::uint64_t room = std::max(slots, size_ + size_ / 2);
   if (slots <= one) room = std::min(room, one);
   make_grown(slots, room <= possible ? room : slots, [this](std::uint64_t made) { allocate(made); });
 }
 
 void SlotStore::allocate(std::uint64_t slots) {
-  const std::uint64_t one = in_one_piece(device_.info());
+  const std::uint64_t one = in_one_piece(device_.info(), floats_);
   pieces_.clear();
   size_ = 0;
   bits_ = slots <= one ? 32 : static_cast<unsigned>(std::bit_width(one)) - 1;
   const std::uint64_t each = std::uint64_t{1} << bits_;
   for (std::uint64_t left = slots; left > 0; left -= std::min(left, each))
-    pieces_.emplace_back(device_, "gradient slots", std::min(left, each) * kGradStride);
+    pieces_.emplace_back(device_, "gradient slots", std::min(left, each) * floats_);
   size_ = slots;
 }
 

@@ -11,10 +11,11 @@ namespace ubs {
 
 class SlotStore {
  public:
-  explicit SlotStore(Device& device) : device_(device) {}
+  // floats: of a slot (slot_floats()).
+  SlotStore(Device& device, unsigned floats) : device_(device), floats_(floats) {}
 
   // Slots that a device can have at most, in as many pieces as kernels take; memory in use is not looked at.
-  static std::uint64_t most(const DeviceInfo& device);
+  static std::uint64_t most(const DeviceInfo& device, unsigned floats);
 
   // Content is lost when it grows; grows by at least half where there is memory for that, as Buffer::reserve
   // does. Throws Error(memory) with the numbers where there is not even memory for what is asked for.
@@ -25,7 +26,10 @@ class SlotStore {
  private:
   void allocate(std::uint64_t slots);
 
+  std::uint64_t bytes() const { return floats_ * sizeof(float); }  // of a slot
+
   Device& device_;
+  unsigned floats_;
   std::uint64_t size_ = 0;
   unsigned bits_ = 0;
   std::vector<Buffer<float>> pieces_;

@@ -127,12 +127,12 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
   return count;
 }
 
-// Work-items 0 .. 4 kTurn - 1 add the sums of a turn over blocks, in their order, four values each, and write
-// the gradient of the splat to its slot.
+// Of work-items 0 .. 4 kTurn - 1 three of each four add the sums of a turn over blocks, in their order, four values each,
+// and write the gradient of the splat to its slot.
 UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int count, int item,
                         UBS_SLOTS(UBS_GLOBAL float*)) {
   int place = item / 4, part = item % 4, k = first + place;
-  if (place >= kTurn || k >= count) return;
+  if (place >= kTurn || k >= count || part >= kCardSlotStride / 4) return;
   float4 sum = ubs_float4(0.0f, 0.0f, 0.0f, 0.0f);
   for (uint blocks = shared->blocks[k]; blocks != 0; blocks &= blocks - 1) {
     int at = place * kPlaces + lowest_bit32(blocks);
@@ -142,7 +142,7 @@ UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int c
       sum.y += four.y;
       sum.z += four.z;
       sum.w += four.w;
-    } else if (part == 2) {
+    } else {
       float2 two = ((UBS_LOCAL const float2*)(shared->sums + 2 * kParts))[at];
       sum.x += two.x;
       sum.y += two.y;
@@ -154,7 +154,7 @@ UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int c
   else if (part == 1)
     sum = ubs_float4(f.square * sum.x, sum.y, UBS_LN2 * sum.z, sum.w);
   uint slot = shared->slots[k];
-  ((UBS_GLOBAL float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kGradStride / 4) + (ulong)part] = sum;
+  ((UBS_GLOBAL float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kCardSlotStride / 4) + (ulong)part] = sum;
 }
 
 // Blocks visit their splats of a turn, each at its own pace where lanes can exchange values, else all the k-th of theirs

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradient of a projected splat = sum of its slots, one slot a tile that it reaches, in slot order.
-// Slots are gradients already. 16 neighbouring work-items are a splat, so that a slot is one coalesced read. A splat of
+// Slots are gradients already. 16 neighbouring work-items are a splat, of which 12 read, so that a slot is one coalesced
+// read. A splat of
 // more than kWideSplat slots would take as long as all the others: the group takes kSumParts parts of it side by side,
 // part k every kSumParts-th slot from the k-th on, and adds them in their order.
 
@@ -18,9 +19,10 @@ enum {
 UBS_FN float sum_of_value(uint first, uint count, uint step, uint value, UBS_SLOTS(UBS_GLOBAL const float*),
                           UBS_GLOBAL const ushort* masks) {
   float sum = 0.0f;
+  if (value >= kCardSlotStride) return sum;
   for (uint k = 0; k < count; k += step) {
     uint slot = first + k;
-    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kGradStride + value];
+    if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kCardSlotStride + value];
   }
   return sum;
 }

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kStride = kGradStride;
+constexpr std::size_t kStride = kGradStride, kSlotStride = slot_floats(RasterKind::gpu);
 
 struct Slots {
   std::vector<std::uint32_t> counts, offsets;
@@ -29,7 +29,7 @@ Slots random_slots(const std::vector<std::uint32_t>& counts) {
     std::vector<double> sum(kStride), magnitude(kStride);
     for (std::uint32_t slot = 0; slot < count; ++slot) {
       s.masks.push_back(random() % 4 == 0 ? 0 : static_cast<std::uint16_t>(1 + random() % 65535));
-      for (std::size_t k = 0; k < kStride; ++k) {
+      for (std::size_t k = 0; k < kSlotStride; ++k) {
         const float x = s.masks.back() != 0 ? value(random) : std::numeric_limits<float>::quiet_NaN();
         s.values.push_back(x);
         if (s.masks.back() == 0) continue;

@@ -30,7 +30,9 @@ TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
 TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory for", "[view]") {
   const std::uint64_t tiles = 240 * 135;
   const DeviceInfo& info = device().info();
-  const std::uint64_t most = std::min(SlotStore::most(info), info.memory_bytes / 64);
+  const unsigned floats = slot_floats(RasterKind::gpu);  // the smaller slots, of which there can be more
+  const std::uint64_t most =
+      std::min(SlotStore::most(info, floats), info.memory_bytes / (floats * sizeof(float)));
   const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 32) / tiles + 2;
   Case c = row_case("too_many", 3, static_cast<std::size_t>(splats));
   c.camera.width = 3840, c.camera.height = 2160, c.camera.cx = 1920, c.camera.cy = 1080;
