@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <regex>
 #include <sstream>
 #include <string>
 
@@ -58,6 +59,26 @@ TEST_CASE("files of a room include what their room may") {
       ++files;
     }
   CHECK(files > 300);
+}
+
+// docs/check.md: drivers are known that compute wrong results with loops of compare-exchange, and with atomics of 64 bits
+// beside sub-groups. Floats are not added atomically, so that the same inputs give the same bits.
+TEST_CASE("kernels use no atomics but increments, or and maximum of 32-bit words") {
+  std::size_t uses = 0;
+  const std::regex atomic(R"(\b(atom_\w+|atomic\w*)\s*\()");
+  for (const char* folder : {"kernels", "cuda_backend"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / folder)) {
+      if (!entry.is_regular_file()) continue;
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);)
+        for (std::sregex_iterator use(line.begin(), line.end(), atomic), end; use != end; ++use, ++uses) {
+          INFO(entry.path().string() << ": " << line);
+          const std::string name = (*use)[1];
+          CHECK((name == "atomic_inc" || name == "atomic_or" || name == "atomic_max" || name == "atomicOr" ||
+                 name == "atomicMax" || line.find("atomicAdd(pointer, 1u)") != line.npos));
+        }
+    }
+  CHECK(uses > 8);
 }
 
 }  // namespace
