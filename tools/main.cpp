@@ -14,8 +14,8 @@ using namespace ubs::tools;
 constexpr const char *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert", *kDevices = "Devices";
 
 constexpr CommandEntry kCommands[] = {
-    {add_cameras, kLearn, "ubs cameras photos", "ubs cameras photos --order sequence"},
     {add_train, kLearn, "ubs train photos", "ubs train photos --out run --budget 10m", true},
+    {add_cameras, kLearn, "ubs cameras photos", "ubs cameras photos --order sequence"},
     {add_plan, kLearn, "ubs plan photos", "ubs plan photos --dim 7 --iterations 10000"},
     {add_reduce, kLearn, "ubs reduce run --out small.ply",
      "ubs reduce run photos --max-loss-db 0.2 --out small.ply"},

@@ -3,7 +3,10 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <cctype>
 #include <filesystem>
+#include <initializer_list>
 
 #include "host/api/same_run.hpp"
 #include "host/api/training_data.hpp"
@@ -72,6 +75,32 @@ bool is_left_empty(const std::filesystem::path& folder) {
   }
 }
 
+// A file that is no data set, but that people give as one, is explained by its name.
+void check_kind(const std::filesystem::path& data) {
+  if (is_folder(data)) return;
+  std::string extension = data.extension().string();
+  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  const auto is = [&](std::initializer_list<const char*> names) {
+    return std::ranges::find(names, extension) != names.end();
+  };
+  const std::string name = shell_word(data.string());
+  if (is({".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".ubsz"}))
+    fail(ErrorKind::data,
+         "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
+         "its images",
+         data.string(), name);
+  if (is({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".heic", ".avif"}))
+    fail(ErrorKind::data,
+         "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
+         "finds the cameras)",
+         data.string());
+  if (is({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"}))
+    fail(ErrorKind::data,
+         "{}: this is a video: cut it into images (mkdir photos; ffmpeg -i {} -vf fps=2 "
+         "photos/%04d.jpg), then find their cameras with 'ubs cameras photos'",
+         data.string(), name);
+}
+
 }  // namespace
 
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
@@ -94,6 +123,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
     Start start{resolve_new(given, options.budget)};
     if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
+    check_kind(options.data);
     start.data = options.data;
     start.out = options.out.empty() ? free_output_folder(options.data).string() : options.out;
     check_apart(start.out, {options.data});

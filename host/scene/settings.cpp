@@ -3,6 +3,7 @@
 #include "host/scene/settings.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -37,9 +38,13 @@ std::optional<Number> parse(std::string_view text) {
   return value;
 }
 
-// "1e4" and "30000.0" are integers to a person, and to YAML tools that write numbers.
+// Integers as people and YAML tools write them: also "1e4", "30000.0", "7k", "300K" and "1.5M".
 std::optional<double> parse_whole(std::string_view text) {
-  const auto value = parse<double>(text);
+  const char last = text.empty() ? '\0' : text.back();
+  const double unit = last == 'k' || last == 'K' ? 1e3 : last == 'M' ? 1e6 : 1;
+  if (unit != 1) text.remove_suffix(1);
+  auto value = parse<double>(text);
+  if (value) *value *= unit;
   if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value))
     return std::nullopt;
   return value;
@@ -90,9 +95,31 @@ std::string_view learnt_word(Background::Learnt learnt) {
   return learnt == Background::Learnt::colour ? "learn" : "sky";
 }
 
+// "white", "black", "gray" (0.5), "#fff" and "#ffffff" as numbers from 0 to 1.
+std::optional<std::array<double, 3>> parse_colour(std::string_view text) {
+  if (text == "white") return {{1, 1, 1}};
+  if (text == "black") return {{0, 0, 0}};
+  if (text == "gray" || text == "grey") return {{0.5, 0.5, 0.5}};
+  if ((text.size() != 4 && text.size() != 7) || text[0] != '#') return std::nullopt;
+  const std::size_t digits = (text.size() - 1) / 3;
+  std::array<double, 3> colour{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    unsigned value = 0;
+    const char* const first = text.data() + 1 + c * digits;
+    const auto result = std::from_chars(first, first + digits, value, 16);
+    if (result.ec != std::errc() || result.ptr != first + digits) return std::nullopt;
+    colour[c] = value / (digits == 1 ? 15.0 : 255.0);
+  }
+  return colour;
+}
+
 // A colour, a colour and harmonics, or the word of what is to be learnt.
 bool assign_background(const FieldValue& field, std::string_view text, Background& to) {
   Background read;
+  if (const auto colour = parse_colour(text)) {
+    to = {*colour};
+    return true;
+  }
   for (const auto learnt : {Background::Learnt::colour, Background::Learnt::sky})
     if (text == learnt_word(learnt)) read.learnt = learnt;
   const auto parts = split(text, ',');
@@ -233,7 +260,8 @@ std::string field_domain(const FieldValue& field) {
                [&](bool*) { return std::string("true or false"); },
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
                [&](Background*) {
-                 return "three numbers r,g,b" + range + ", the 27 numbers of a sky, learn, or sky";
+                 return "three numbers r,g,b" + range +
+                        ", white, black, gray, #rrggbb, the 27 numbers of a sky, learn, or sky";
                },
                [&](IndexRange*) {
                  return fmt::format("FIRST:END:STEP{}{}", range,

@@ -22,20 +22,37 @@ constexpr int kPoints = 100, kPointsOfRest = 10;
 // Splats may be so many times what there are iterations for before growth ends.
 constexpr double kSpareSplats = 2;
 
+// Returns 0 for a word that is no unit of time. Without a unit numbers are seconds.
+double seconds_of_unit(std::string_view unit) {
+  const auto is = [&](auto... words) { return ((unit == words) || ...); };
+  if (is("", "s", "sec", "secs", "second", "seconds")) return 1;
+  if (is("m", "min", "mins", "minute", "minutes")) return 60;
+  if (is("h", "hr", "hrs", "hour", "hours")) return 3600;
+  return 0;
+}
+
 // Few digits, for people who read config.yaml.
 double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
 
 }  // namespace
 
 double time_budget_seconds(const std::string& text) {
-  double value = 0;
-  const char* const end = text.data() + text.size();
-  const auto result = std::from_chars(text.data(), end, value);
-  const std::string_view unit(result.ptr, static_cast<std::size_t>(end - result.ptr));
-  const double factor = unit.empty() || unit == "s" ? 1 : unit == "m" ? 60 : unit == "h" ? 3600 : 0;
-  if (result.ec != std::errc() || factor == 0 || !(value > 0) || value * factor > 1e7)
-    fail(ErrorKind::usage, "budget '{}' must be a time such as 90s, 10m or 1.5h", text);
-  return value * factor;
+  const char *at = text.data(), *const end = at + text.size();
+  double seconds = 0;
+  bool valid = at != end;
+  while (valid && at != end) {
+    double value = 0;
+    const auto result = std::from_chars(at, end, value);
+    const char* const unit = std::find_if(result.ptr, end, [](char c) { return c != ' '; });
+    at = std::find_if(unit, end, [](char c) { return c < 'a' || c > 'z'; });
+    const double factor = seconds_of_unit({unit, at});
+    at = std::find_if(at, end, [](char c) { return c != ' '; });
+    valid = result.ec == std::errc() && factor > 0 && value > 0 && std::isfinite(value);
+    seconds += value * factor;
+  }
+  if (!valid || seconds > 1e7)
+    fail(ErrorKind::usage, "budget '{}' must be a time such as 90s, 10m, 1.5h or 1h 30min", text);
+  return seconds;
 }
 
 double StepCost::step_ms(double splats) const {

@@ -16,7 +16,7 @@
 
 namespace ubs {
 
-// Returns "90", "90s", "10m", "1.5h" in seconds; throws Error(usage) for anything else.
+// Returns "90", "90s", "10m", "2 min", "1.5h", "1h30m" in seconds; throws Error(usage) for anything else.
 double time_budget_seconds(const std::string& text);
 
 // What a step takes on training images reduced by `factor`: fixed_ms + each_ms for every splat; and what a

@@ -112,6 +112,11 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   const TempFolder folder;
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "which data?");
+  // What people give in place of a data folder.
+  for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4"}) std::ofstream(folder / name) << "x";
+  check_error(folder, "train scan.spz", 3, "this is a model, not a data set: show it with 'ubs view scan.spz'");
+  check_error(folder, "train photo.JPG", 3, "this is one image: pass a folder of images");
+  check_error(folder, "train clip.mp4", 3, "this is a video: cut it into images");
   check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
   check_error(folder, "train --data d --out o --iterations 0", 2, "--iterations: iterations = '0'");
   check_error(folder, "train --data d --out o --lr-rgb nan", 2, "lr_rgb = 'nan'");

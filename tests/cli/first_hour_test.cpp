@@ -72,6 +72,9 @@ TEST_CASE("a model is drawn as it was learnt, unless an option says otherwise") 
           load_splat_model(folder / "alone.ply").notes.drawing);
   CHECK_THAT(ubs_ok(folder, "info run").out, Contains("background=1,0.5,0"));
   check_error(folder, "eval data --data data", 2, "no model.ply in this folder");
+  fs::rename(folder / "run", folder / "data-ubs");
+  check_error(folder, "eval data", 2, "did you mean data-ubs, which was trained on it?");
+  check_error(folder, "eval data/", 2, "did you mean data-ubs, which was trained on it?");
 }
 
 TEST_CASE("a run knows its data, and how they were read") {
@@ -466,6 +469,9 @@ TEST_CASE("help: groups, examples, and few options first") {
   CHECK(alone.find("Exit codes") == std::string::npos);
   CHECK_THAT(ubs_ok(folder, "--help-all").out, Contains("Exit codes: 0 success"));
   const std::string help = ubs_ok(folder, "train --help").out, &all = whole_help("train");
+  CHECK(ubs_ok(folder, "help train").out == help);
+  CHECK(ubs_ok(folder, "help").out == ubs_ok(folder, "--help").out);
+  check_error(folder, "help trane", 2, "did you mean 'train'?");
   CHECK(std::count(help.begin(), help.end(), '\n') < 60);
   CHECK(help.find("Examples:") < help.find("--cap-max"));
   CHECK_THAT(help, Contains("more options: ubs train --help-all") && !Contains("--lr-rgb") &&

@@ -43,6 +43,32 @@ std::string usage_message(const std::string& key, const std::string& value) {
   return message_of([&] { set_field(bound(sample), key, value, "--set"); }, ErrorKind::usage);
 }
 
+TEST_CASE("settings: numbers and colours as people write them") {
+  TrainSettings settings;
+  const auto set = [&](const char* key, const char* text) {
+    set_field(bind_fields(settings, train_fields()), key, text, "--set");
+  };
+  for (const auto& [text, number] :
+       {std::pair{"7k", 7000}, {"300K", 300000}, {"1.5M", 1500000}, {"2.5k", 2500}}) {
+    set("cap_max", text);
+    CHECK(settings.cap_max == number);
+  }
+  for (const char* wrong : {"k", "7kk", "1.2345k", "7 k", "7m", "7G"})
+    CHECK_THROWS_AS(set("cap_max", wrong), Error);
+  using Colour = std::array<double, 3>;
+  for (const auto& [text, colour] : {std::pair{"white", Colour{1, 1, 1}},
+                                     {"black", {0, 0, 0}},
+                                     {"gray", {0.5, 0.5, 0.5}},
+                                     {"#ffffff", {1, 1, 1}},
+                                     {"#0f0", {0, 1, 0}},
+                                     {"#3300CC", {0.2, 0, 0.8}}}) {
+    set("background", text);
+    CHECK(settings.background.colour == colour);
+  }
+  for (const char* wrong : {"#ff", "#fffffg", "ffffff", "whit", "#-1-1-1"})
+    CHECK_THROWS_AS(set("background", wrong), Error);
+}
+
 TEST_CASE("settings: a background is a colour, a sky, or to be learnt") {
   TrainSettings settings;
   const auto set = [&](const std::string& text) {

@@ -95,9 +95,16 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
 }  // namespace
 
 TEST_CASE("time budget: times are read", "[budget]") {
-  for (const auto& [text, seconds] : {std::pair{"90", 90.0}, {"90s", 90.0}, {"1.5m", 90.0}, {"2h", 7200.0}})
+  for (const auto& [text, seconds] : {std::pair{"90", 90.0},
+                                      {"90s", 90.0},
+                                      {"1.5m", 90.0},
+                                      {"2h", 7200.0},
+                                      {"2min", 120.0},
+                                      {"10 minutes", 600.0},
+                                      {"1h30m", 5400.0},
+                                      {"1h 30 sec", 3630.0}})
     CHECK(time_budget_seconds(text) == seconds);
-  for (const char* wrong : {"", "s", "-5s", "0", "10 min", "1d", "nan", "1e9h"})
+  for (const char* wrong : {"", "s", "-5s", "0", "1d", "nan", "1e9h", "1h-3m", "1h 30min?", "inf"})
     CHECK(message_of([&] { time_budget_seconds(wrong); }, ErrorKind::usage).find("90s") != std::string::npos);
 }
 

@@ -21,6 +21,14 @@ constexpr auto reading_of = [](auto& s) {
   return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
 };
 
+// For a data folder that was given in place of a model: the run that 'ubs train' has put beside it.
+std::string run_beside(std::filesystem::path folder) {
+  if (!folder.has_filename()) folder = folder.parent_path();  // a slash at the end
+  const std::filesystem::path run = folder.string() + "-ubs";
+  if (!path_exists(RunFolder(run).model())) return "";
+  return fmt::format("; did you mean {}, which was trained on it?", shell_word(run.string()));
+}
+
 }  // namespace
 
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
@@ -54,8 +62,9 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
             if (!is_folder(path)) return {};
             const RunFolder run(path);
             if (!path_exists(run.model()))
-              return fmt::format("{}: no model.ply in this folder{}", path,
-                                 path_exists(run.checkpoint()) ? "; the run is not finished" : "");
+              return fmt::format(
+                  "{}: no model.ply in this folder{}", path,
+                  path_exists(run.checkpoint()) ? "; the run is not finished" : run_beside(path));
             path = run.model().string();
             return {};
           },

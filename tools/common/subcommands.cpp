@@ -54,6 +54,13 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
                 code);
 }
 
+// "help" and "help train" are "--help" and "train --help".
+std::vector<std::string> words_of_help(std::vector<std::string> arguments) {
+  arguments.erase(arguments.begin());
+  arguments.emplace_back("--help");
+  return arguments;
+}
+
 // Others would do, and write, everything as often as there are ranks.
 void check_ranks(const CLI::App& command, const CommandEntry& entry) {
   if (ranks().size() > 1 && !entry.runs_on_ranks)
@@ -84,9 +91,10 @@ int run(int argc, char** argv) {
     say("{}", root.help());
     return 0;
   }
-  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  std::vector<std::string> arguments(argv + 1, argv + argc);
+  if (arguments.front() == "help") arguments = words_of_help(arguments);
   try {
-    root.parse(argc, argv);
+    root.parse({arguments.rbegin(), arguments.rend()});
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return root.exit(error);  // --help, --version
     return report_parse_error(error, root, arguments);
