@@ -100,7 +100,7 @@ void Lists::place(const Job& job) {
                         std::max(1, static_cast<int>(std::bit_width(tiles - 1))), device_.stream());
     });
   }
-  device_.launch("finish_lists", kernels_.finish, grid(std::max(pairs, tiles + 1)), kListBlock,
+  device_.launch("finish_lists", kernels_.finish, grid(pairs + std::uint64_t{1}), kListBlock,
                  tiles_sorted_.view(), lists.sorted_ids, pairs, job.pairs.counted, tiles, tiles_x,
                  lists.tile_rects, lists.slot_offsets, lists.sorted_slots, lists.tile_ranges,
                  lists.long_lists);

@@ -88,22 +88,22 @@ __global__ void __launch_bounds__(kListBlock)
   ids[place] = id;
 }
 
-// One thread a tile and one more: first place of its list, by bisection. The same threads, one an intersection: its
-// slot, which follows from tile and rectangle, so that the sort moves 8 bytes an intersection instead of 12.
+// One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
+// 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
+// those of the empty tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
 // long_lists: set where a list is long; emit_intersections has cleared it.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
                              u32* slots, u32* tile_ranges, u32* long_lists) {
   const u32 intersections = listed(most_pairs, pairs);
   const size_t i = global_index();
-  if (i <= tiles) {
-    const u32 first = first_of_tile(tiles_sorted, intersections, static_cast<u32>(i));
-    tile_ranges[i] = first;
-    if (long_lists && intersections - first > kLongList && tiles_sorted[first + kLongList] == i)
-      atomicOr(long_lists, 1u);
-  }
-  if (i >= intersections || !slots) return;
-  const u32 tile = tiles_sorted[i];
+  if (i > intersections) return;
+  const u32 from = i == 0 ? 0 : tiles_sorted[i - 1] + 1;
+  const u32 tile = i == intersections ? tiles : tiles_sorted[i];
+  for (u32 t = from; t <= tile; ++t) tile_ranges[t] = static_cast<u32>(i);
+  if (long_lists && from <= tile && intersections - i > kLongList && tiles_sorted[i + kLongList] == tile)
+    atomicOr(long_lists, 1u);
+  if (i == intersections || !slots) return;
   const u32 id = ids[i], row = tile / tiles_x;
   const TileRect rect = rect_of(tile_rects, id);
   slots[i] = slot_offsets[id] + (row - rect.y0) * tile_rect_width(rect) + (tile - row * tiles_x - rect.x0);

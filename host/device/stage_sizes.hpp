@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "host/device/stages.hpp"
 #include "kernels/layout.h"
 
 namespace ubs::stage_sizes {
@@ -48,6 +49,11 @@ constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
   const std::uint64_t parts = intersections / (kListPart / 2);
   const bool fits = parts * list_part_floats(depth) * sizeof(float) <= max_allocation_bytes;
   return intersections > 2 * kListPart && fits ? parts : 0;
+}
+
+// Floats of a gradient slot.
+constexpr unsigned slot_floats(RasterKind raster) {
+  return raster == RasterKind::cpu ? kGradStride : kCardSlotStride;
 }
 
 }  // namespace ubs::stage_sizes

@@ -17,7 +17,6 @@
 #include "host/device/device.hpp"
 #include "host/scene/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
-#include "kernels/layout.h"
 
 namespace ubs {
 
@@ -125,13 +124,8 @@ struct RasterForward {  // method.md 2.6
   BufferView<std::uint32_t> long_lists = {};  // of BuildLists; empty: long lists are not divided
 };
 
-// Floats of a gradient slot.
-constexpr unsigned slot_floats(RasterKind raster) {
-  return raster == RasterKind::cpu ? kGradStride : kCardSlotStride;
-}
-
-// Gradient slots of slot_floats() floats: all in one buffer, or, where an allocation of the device does not
-// hold them, slot s in piece s >> bits at place s modulo 2^bits.
+// Gradient slots of slot_floats() floats (stage_sizes.hpp): all in one buffer, or, where an allocation of the
+// device does not hold them, slot s in piece s >> bits at place s modulo 2^bits.
 struct SlotViews {
   static constexpr unsigned kMaxPieces = 8;
   std::array<BufferView<float>, kMaxPieces> pieces = {};

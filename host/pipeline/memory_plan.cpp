@@ -94,7 +94,7 @@ class Planner {
     if (q_.training) {
       per_intersection("sorted slots", kWord);
       per_intersection("block masks", 2);
-      per_intersection("gradient slots", kWord * slot_floats(q_.raster));
+      per_intersection("gradient slots", kWord * stage_sizes::slot_floats(q_.raster));
       plan_.items.back().splits = true;
       if (q_.raster == RasterKind::gpu)
         per_intersection("list states", kWord * static_cast<double>(sizes::list_state_floats(kListSegment)) /
@@ -235,7 +235,7 @@ std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device) {
   const bool shared = device.type == DeviceType::cpu && !limits.empty();
   if (const std::uint64_t needed = plan.total() + (shared ? saving_bytes(plan) : 0);
       needed > device.memory_bytes)
-    return fmt::format("the run needs {} MiB, {} has {} MiB: use fewer splats or smaller images{}",
+    return fmt::format("the run needs {} MiB, but {} has {} MiB: use fewer splats or smaller images{}",
                        needed >> 20, device.name, device.memory_bytes >> 20, limits);
   return {};
 }

@@ -103,7 +103,7 @@ std::vector<float> cropped_planes(std::span<const float> padded, const ImageShap
 }
 
 Renderer::Renderer(Device& device, Stages& stages)
-    : device_(device), stages_(stages), slots_(device, slot_floats(stages.config().raster)) {}
+    : device_(device), stages_(stages), slots_(device, stage_sizes::slot_floats(stages.config().raster)) {}
 
 void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   std::vector<float> records;
@@ -154,7 +154,7 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
   const std::size_t states = divides_lists() ? stage_sizes::list_state_floats(n) * sizeof(float) : 0;
-  const unsigned floats = slot_floats(stages_.config().raster);
+  const unsigned floats = stage_sizes::slot_floats(stages_.config().raster);
   const std::size_t listed = std::max(n * sizeof(std::uint32_t), states), each = floats * sizeof(float);
   if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory,
@@ -376,7 +376,8 @@ CameraGradient Renderer::camera_gradient() {
   if (settings_.sky &&
       std::any_of(settings_.sky->begin() + 3, settings_.sky->end(), [](float v) { return v != 0; }))
     fail(ErrorKind::usage,
-         "the gradient of a camera has no part of a sky: draw before one colour, with background = R,G,B");
+         "the gradient of a camera does not support a sky: render with one background colour, background = "
+         "R,G,B");
   std::array<double, kCameraGrads> sums{};
   std::uint32_t first = 0;
   for (const RenderGroup& group : groups_) {

@@ -506,7 +506,8 @@ UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
   UBS_SHARED real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
   int me = ubs_local_id();
-  for (int i = me; i < 3 * LOSS_SHARES; i += LOSS_TOTAL_GROUP) {
+  for (int turn = 0; turn < 3 * LOSS_SHARES / LOSS_TOTAL_GROUP; ++turn) {
+    int i = me + turn * LOSS_TOTAL_GROUP;
     int channel = i / LOSS_SHARES, share = i % LOSS_SHARES;
     LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
     UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;

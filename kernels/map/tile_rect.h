@@ -18,19 +18,6 @@ UBS_FN uint tile_rect_area(TileRect rect) { return tile_rect_width(rect) * (rect
 // then has work-items for what the buffers have room for, of which those beyond the number have nothing to do.
 UBS_FN uint listed(uint most, UBS_GLOBAL const uint* counted) { return counted ? *counted : most; }
 
-// First place of a tile's list: that of the first sorted entry of this tile or a later one.
-UBS_FN uint first_of_tile(UBS_GLOBAL const uint* tiles_sorted, uint intersections, uint tile) {
-  uint low = 0, high = intersections;
-  while (low < high) {
-    uint middle = low + (high - low) / 2;
-    if (tiles_sorted[middle] < tile)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low;
-}
-
 // The i with firsts[i] <= place < firsts[i + 1], in [low, high); firsts ascends strictly.
 UBS_FN uint find_owner(UBS_GLOBAL const uint* firsts, uint low, uint high, size_t place) {
   while (high - low > 1) {

@@ -109,8 +109,15 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
   const uint intersections = listed(most_pairs, pairs);
   const size_t tile = get_global_id(0);
   if (tile > tiles) return;
-  const uint first = first_of_tile(tiles_sorted, intersections, (uint)tile);
-  tile_ranges[tile] = first;
-  if (!long_lists || intersections - first <= kLongList) return;
-  if (tiles_sorted[first + kLongList] == tile) atomic_or(long_lists, 1u);
+  uint low = 0, high = intersections;  // first place with tiles_sorted >= tile
+  while (low < high) {
+    const uint middle = low + (high - low) / 2;
+    if (tiles_sorted[middle] < tile)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  tile_ranges[tile] = low;
+  if (!long_lists || intersections - low <= kLongList) return;
+  if (tiles_sorted[low + kLongList] == tile) atomic_or(long_lists, 1u);
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/device/stage_sizes.hpp"
 #include "host/lab/bench/bench_scene.hpp"
 #include "host/opencl/opencl_device.hpp"
 #include "host/pipeline/capture_stages.hpp"
@@ -19,7 +20,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kSlotBytes = slot_floats(RasterKind::cpu) * sizeof(float);
+constexpr std::uint64_t kSlotBytes = stage_sizes::slot_floats(RasterKind::cpu) * sizeof(float);
 
 // The same device with smaller allocations, and less memory where that is given.
 opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,
@@ -81,7 +82,8 @@ TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
                                << whole.intersections << " intersections");
       for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
         const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
-        opencl::OpenclDevice small = limited(*device, each * slot_floats(raster) * sizeof(float));
+        opencl::OpenclDevice small =
+            limited(*device, each * stage_sizes::slot_floats(raster) * sizeof(float));
         const Result parts = gradient_of(small, scene, config, shift == 1);
         CHECK(parts.pieces == (whole.intersections + each - 1) / each);
         CHECK(parts.intersections == whole.intersections);
@@ -120,7 +122,7 @@ TEST_CASE("gradient slots: a plan says how many fit", "[slots][plan]") {
   device.max_allocation_bytes = std::uint64_t{1} << 30;
   device.memory_bytes = std::uint64_t{64} << 30;
   MemoryQuestion question{.dim = 6, .splats = 1000, .width = 64, .height = 64, .intersections = 100'000'000};
-  CHECK(SlotStore::most(device, slot_floats(RasterKind::cpu)) == std::uint64_t{8} << 24);
+  CHECK(SlotStore::most(device, stage_sizes::slot_floats(RasterKind::cpu)) == std::uint64_t{8} << 24);
   CHECK(memory_shortage(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
   question.intersections = 200'000'000;
   CHECK_THAT(memory_shortage(plan_memory(question), device),

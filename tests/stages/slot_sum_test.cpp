@@ -5,13 +5,14 @@
 #include <limits>
 #include <random>
 
+#include "host/device/stage_sizes.hpp"
 #include "kernels/layout.h"
 #include "tests/support/stages_fixture.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr std::size_t kStride = kGradStride, kSlotStride = slot_floats(RasterKind::gpu);
+constexpr std::size_t kStride = kGradStride, kSlotStride = stage_sizes::slot_floats(RasterKind::gpu);
 
 struct Slots {
   std::vector<std::uint32_t> counts, offsets;

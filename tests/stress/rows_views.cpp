@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/device/stage_sizes.hpp"
 #include "host/lab/oracle/scenes.hpp"
 #include "host/pipeline/slot_store.hpp"
 #include "tests/stress/row.hpp"
@@ -30,7 +31,8 @@ TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
 TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory for", "[view]") {
   const std::uint64_t tiles = 240 * 135;
   const DeviceInfo& info = device().info();
-  const unsigned floats = slot_floats(RasterKind::gpu);  // the smaller slots, of which there can be more
+  const unsigned floats =
+      stage_sizes::slot_floats(RasterKind::gpu);  // the smaller slots, of which there can be more
   const std::uint64_t most =
       std::min(SlotStore::most(info, floats), info.memory_bytes / (floats * sizeof(float)));
   const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 32) / tiles + 2;
