@@ -37,14 +37,14 @@ std::string code_defect(int ordinal, int capability) {
     code = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(list_kernels().fit.symbol));
   if (code == cudaSuccess) return {};
   return fmt::format(
-      "this build (sm_{}) has no code that runs there ({}): configure it with -DCMAKE_CUDA_ARCHITECTURES={}",
+      "this build (sm_{}) has no code for it ({}): configure with -DCMAKE_CUDA_ARCHITECTURES={}",
       fmt::join(compiled_capabilities(), ", sm_"), error_text(code), capability);
 }
 
 // Why a card is not offered; empty: it is. Cards that machine code was made for are not opened for the
 // question: that takes tenths of a second and hundreds of megabytes on each of them.
 std::string defect(int ordinal, int capability) {
-  if (capability < kOldest) return fmt::format("CUDA is for sm_{} and newer", kOldest);
+  if (capability < kOldest) return fmt::format("the CUDA back end requires sm_{} or newer", kOldest);
   return has_machine_code(capability) ? std::string() : code_defect(ordinal, capability);
 }
 
@@ -85,8 +85,8 @@ int count_cards(int driver, int runtime) {
   if (driver == 0 || code == cudaErrorNoDevice) return 0;
   if (driver < needed)
     warn_once(
-        fmt::format("no CUDA devices: driver too old: it has CUDA {}, this build needs {}; update it, "
-                    "or use --device opencl",
+        fmt::format("no CUDA devices: the driver supports CUDA {}, but this build needs {}: update the "
+                    "driver, or use --device opencl",
                     version_text(driver), version_text(needed)));
   else
     warn_once(fmt::format("no CUDA devices: {}", text));
@@ -103,14 +103,14 @@ std::vector<Entry> entries() {
     cudaDeviceProp properties{};
     const cudaError_t code = cudaGetDeviceProperties(&properties, ordinal);
     if (code != cudaSuccess) {
-      warn_once(fmt::format("CUDA device {} is passed over: {}", ordinal, error_text(code)));
+      warn_once(fmt::format("CUDA device {} is not used: {}", ordinal, error_text(code)));
       continue;
     }
     const std::string why = defect(ordinal, capability_of(properties));
     if (why.empty())
       all.push_back({ordinal, capability_of(properties), describe_device(properties, driver, runtime)});
     else
-      warn_once(fmt::format("{} (CUDA device {}, sm_{}) is passed over: {}", properties.name, ordinal,
+      warn_once(fmt::format("{} (CUDA device {}, sm_{}) is not used: {}", properties.name, ordinal,
                             capability_of(properties), why));
   }
   return all;
@@ -126,7 +126,7 @@ std::vector<DeviceInfo> list_devices() {
 
 std::unique_ptr<Device> open_device(std::size_t index) {
   std::vector<Entry> all = entries();
-  if (index >= all.size()) fail(ErrorKind::device, "there is no CUDA device {}", index);
+  if (index >= all.size()) fail(ErrorKind::device, "CUDA device {} does not exist", index);
   const Entry& entry = all[index];
   if (const std::string why = code_defect(entry.ordinal, entry.capability); !why.empty())
     fail(ErrorKind::device, "{}: {}", entry.info.name, why);

@@ -100,7 +100,7 @@ int known_capability(int capability) {
   check_nvrtc(nvrtc().archs(known.data()), "nvrtcGetSupportedArchs");
   std::erase_if(known, [&](int arch) { return arch > capability; });
   if (known.empty())
-    fail(ErrorKind::device, "{} has no code for sm_{}: install an older or newer one, or use --device opencl",
+    fail(ErrorKind::device, "{} cannot compile for sm_{}: install another version, or use --device opencl",
          compiler_version(), capability);
   return *std::ranges::max_element(known);
 }

@@ -45,7 +45,7 @@ struct Places {
 };
 
 Places places_of(const std::string& given) {
-  if (!is_folder(given)) fail(ErrorKind::data, "{}: no such folder of photographs", given);
+  if (!is_folder(given)) fail(ErrorKind::data, "{}: no such folder", given);
   Places p;
   const fs::path folder = absolute_path(given).lexically_normal();
   p.data = folder.has_filename() ? folder : folder.parent_path();
@@ -59,8 +59,8 @@ Places places_of(const std::string& given) {
   }
   if (p.pictures.size() < kFewest)
     fail(ErrorKind::data,
-         "{}: {} pictures here and in its folder images; COLMAP needs {} and more, from different "
-         "places",
+         "{}: found {} images here and in its subfolder 'images', but COLMAP needs at least {}, taken from "
+         "different positions",
          given, p.pictures.size(), kFewest);
   p.work = p.data / "colmap";
   p.list = p.work / "images.txt";
@@ -68,8 +68,8 @@ Places places_of(const std::string& given) {
   p.mapping = p.work / "mapping";
   p.model = p.work / "sparse" / "0";
   if (const fs::path model = find_colmap_model(p.data); !model.empty())
-    fail(ErrorKind::usage, "{}: the cameras are there already ({}); go on with: ubs train {}", given,
-         model.string(), shell_word(p.data.string()));
+    fail(ErrorKind::usage, "{}: cameras exist already ({}): train with 'ubs train {}'", given, model.string(),
+         shell_word(p.data.string()));
   return p;
 }
 
@@ -177,7 +177,7 @@ void run_step(const Step& step, const fs::path& colmap, const Places& places, bo
   progress.finish();
   if (guard.interrupted()) return;
   if (result.code != 0 || result.signal != 0)
-    fail(ErrorKind::data, "COLMAP's {} ended with {} {}: {} (all of it in {})", step.arguments.front(),
+    fail(ErrorKind::data, "COLMAP's {} ended with {} {}: {} (complete log: {})", step.arguments.front(),
          result.signal ? "signal" : "code", result.signal ? result.signal : result.code, last_line(log),
          log.string());
 }
@@ -201,7 +201,7 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
   const fs::path print = places.work / "pictures.txt";
   for (const fs::path& file : {places.database, places.list})
     if (!path_exists(print) && path_exists(file))
-      fail(ErrorKind::usage, "{}: was not made by ubs; move it away", file.string());
+      fail(ErrorKind::usage, "{}: this folder was not created by ubs: move it elsewhere", file.string());
   for (const fs::path& file : stale) remove_path(file);
   write_file_atomically(print, pictures_text(options, places));
   std::string names;
@@ -221,8 +221,8 @@ ColmapModel keep_best(const Places& places) {
       }
   if (from.empty())
     fail(ErrorKind::data,
-         "COLMAP found no cameras: pictures need to overlap, to be sharp, and to be from different places "
-         "(its logs are in {})",
+         "COLMAP found no cameras: the images must be sharp, overlap, and be taken from different positions "
+         "(logs: {})",
          places.work.string());
   make_folders(places.model);
   for (const char* name : {"points3D.bin", "images.bin", "cameras.bin"})
@@ -249,8 +249,8 @@ int run(const CamerasOptions& options) {
   const fs::path colmap = find_program(options.colmap.empty() ? "colmap" : options.colmap);
   if (colmap.empty() && !options.dry_run)
     fail(ErrorKind::data,
-         "COLMAP is not installed{}; Debian, Ubuntu: sudo apt-get install colmap; conda: conda install -c "
-         "conda-forge colmap; then again: ubs cameras {}",
+         "COLMAP is not installed{}: install it (Debian, Ubuntu: sudo apt-get install colmap; conda: conda "
+         "install -c conda-forge colmap), then run 'ubs cameras {}' again",
          options.colmap.empty() ? "" : " at " + options.colmap, shell_word(options.photos));
   // Without a display its libraries would not start.
   setenv("QT_QPA_PLATFORM", "offscreen", 0);
@@ -282,17 +282,17 @@ int run(const CamerasOptions& options) {
     }
     run_step(step, colmap, places, options.quiet, guard);
     if (guard.interrupted()) {
-      warn("interrupted; the same command goes on");
+      warn("interrupted: run the same command again to continue");
       return kInterruptedExitCode;
     }
   }
   const ColmapModel model = keep_best(places);
   remove_tree(places.mapping);
   if (model.images.size() < places.pictures.size())
-    warn("{} of {} photographs have a camera; the others are left out", model.images.size(),
+    warn("{} of {} images have a camera; the others are not used", model.images.size(),
          places.pictures.size());
   if (!options.quiet)
-    say("cameras  {} of {} photographs, {} points, in {}\ngo on with  ubs train {}\n", model.images.size(),
+    say("cameras  {} of {} images, {} points, in {}\nnext     ubs train {}\n", model.images.size(),
         places.pictures.size(), model.points.positions.size(), places.model.string(),
         shell_word(
             places.data.lexically_proximate(absolute_path("x").lexically_normal().parent_path()).string()));
@@ -302,23 +302,22 @@ int run(const CamerasOptions& options) {
 }  // namespace
 
 Command add_cameras(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("cameras", "Find the cameras of photographs, with COLMAP");
+  CLI::App* app = root.add_subcommand("cameras", "Estimate the cameras of images with COLMAP");
   const auto options = std::make_shared<CamerasOptions>();
-  app->add_option("photos", options->photos,
-                  "folder of photographs, or a folder with them in its folder images")
+  app->add_option("photos", options->photos, "folder of images, or a folder with a subfolder 'images'")
       ->required()
       ->type_name("DIR");
-  app->add_option(
-         "--order", options->order,
-         "which pictures are compared: all pairs, or neighbours in the sequence of names (of a video, a "
-         "walk) [all up to 150 pictures]")
+  app->add_option("--order", options->order,
+                  "which images are matched: all pairs, or neighbours in file name order (for video frames) "
+                  "[all pairs for up to 150 images]")
       ->check(CLI::IsMember({"auto", "all", "sequence"}))
       ->type_name("all|sequence");
   app->add_option("--lens", options->lens,
                   "COLMAP's camera model, such as OPENCV for wide lenses [SIMPLE_RADIAL]")
       ->type_name("MODEL");
-  app->add_option("--colmap", options->colmap, "the program [colmap in PATH]")->type_name("FILE");
-  app->add_flag("--dry-run", options->dry_run, "only print the lines that would be run");
+  app->add_option("--colmap", options->colmap, "path of the COLMAP program [colmap in PATH]")
+      ->type_name("FILE");
+  app->add_flag("--dry-run", options->dry_run, "print the commands without running them");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   return {app, [options] { return run(*options); }};
 }

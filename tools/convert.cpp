@@ -121,7 +121,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
                       const TrainSettings& settings) {
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
-    fail(ErrorKind::usage, "{}: --time and --series are of models that change with time", options.from);
+    fail(ErrorKind::usage, "{}: --time and --series require a model that depends on time", options.from);
   ReduceOptions reduce = reduction(options, model, loaded.offset, settings);
   std::optional<Distiller> distiller;
   const int moments = std::max(1, options.series);
@@ -143,8 +143,8 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
           distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
       splats = std::move(distilled.splats);
       said.push_back(
-          fmt::format("distilled in {:.1f} s, {} iterations: {:.2f} dB against the model's own pictures, "
-                      "{:.2f} dB before",
+          fmt::format("distilled in {:.1f} s, {} iterations: PSNR {:.2f} dB against renders of the original "
+                      "model, {:.2f} dB before",
                       distilled.seconds, distilled.iterations, distilled.after, distilled.before));
       json["distilled"].push_back({{"time", reduce.time},
                                    {"seconds", distilled.seconds},
@@ -182,11 +182,11 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
             {"opacity_change_most", opacity_most},
             {"remarks", Json::array()}};
   if (opacity_most > 0)
-    json["remarks"].push_back(fmt::format("opacity at a query changes by {:.2g} on average, at most {:.2g}",
+    json["remarks"].push_back(fmt::format("opacity changes by {:.2g} on average and by at most {:.2g}",
                                           opacity_mean, opacity_most));
   if (indefinite > 0)
     json["remarks"].push_back(
-        fmt::format("{} splats that were culled from some sides are drawn from all", indefinite));
+        fmt::format("{} splats that were culled from some directions are now drawn from all", indefinite));
   if (options.data.empty()) return json;
   json["psnr_before"] = measure(options, loaded.model, loaded.offset, settings, {});
   json["psnr_after"] = measure(options, model, loaded.offset, settings, {});
@@ -207,8 +207,8 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
   const Background& behind = settings.background;
   if (behind != Background{})
     json["remarks"].push_back(fmt::format(
-        "learnt before {} {}, which this format does not hold: other programs draw on "
-        "black, or what they are told",
+        "the model was trained on {} {}, which this format does not store: other programs use black or a "
+        "background of their own",
         behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
   if (options.data.empty() || options.series > 0) return json;
   // What the file holds, quantisation included, drawn as other tools draw it.
@@ -251,29 +251,31 @@ int run(ConvertOptions& options) {
   const SplatFormat& format = target_format(options, source);
   const bool exports = source.ours() && format.holds == Holds::gaussians;
   if ((!options.distill.empty() || options.series > 0) && !exports)
-    fail(ErrorKind::usage, "--distill and --series are of exports of our models as Gaussians");
+    fail(ErrorKind::usage, "--distill and --series only apply when exporting a ubs model as Gaussians");
   if (!options.distill.empty()) {
     time_budget_seconds(options.distill);  // refuses what is none
     options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }
   if (!options.conditioning.empty() && !(source.ours() && format.ours()))
-    fail(ErrorKind::usage, "--conditioning is of our models as our models");
+    fail(ErrorKind::usage, "--conditioning only applies when converting a ubs model to a ubs model");
   if (source.holds == Holds::beta && format.holds == Holds::gaussians)
     fail(ErrorKind::usage,
-         "{}: {} holds Beta splats, and {} Gaussians: convert it to a .ply first, and that to {}",
+         "{}: {} contains Beta splats, but {} stores Gaussians: convert it to a .ply file first, and that "
+         "file to {}",
          options.from, source.title, format.title, format.name);
   if (source.holds == Holds::gaussians && format.holds == Holds::beta)
-    fail(ErrorKind::usage, "{}: {} holds Gaussians, and {} Beta splats", options.from, source.title,
+    fail(ErrorKind::usage, "{}: {} contains Gaussians, but {} stores Beta splats", options.from, source.title,
          format.title);
   if (!exports && options.time_option->count() + options.opacity_option->count() > 0)
-    fail(ErrorKind::usage, "--time and --opacity are of exports of our models as Gaussians");
+    fail(ErrorKind::usage, "--time and --opacity only apply when exporting a ubs model as Gaussians");
   if (options.split_given() && options.data.empty())
-    fail(ErrorKind::usage, "--split is what is measured on: name the data with --data");
+    fail(ErrorKind::usage, "--split requires --data: it selects the split that quality is measured on");
   const bool stays = source.ours() == format.ours() && options.conditioning.empty();
   if (stays && !options.data.empty())
     fail(ErrorKind::usage,
-         "--data: a loss is measured between our format and others, and with --conditioning: not here");
+         "--data is not used here: quality is measured only between ubs and another format, or with "
+         "--conditioning");
   if (options.distill.empty() && source.ours() && !options.data.empty())
     options.run = use_run_data(options.from, options.data);
   check_output_files(files_of(options), {options.from, options.data}, options.overwrite);
@@ -292,9 +294,9 @@ int run(ConvertOptions& options) {
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<ConvertOptions>(*app);
-  add_model_option(
-      *app, "from", options->from,
-      "UBS, DBS, 3DGS or SuperSplat .ply, .spz, .sog, .glb or .splat, or output folder of ubs train")
+  add_model_option(*app, "from", options->from,
+                   ".ply file of UBS, DBS, 3DGS or SuperSplat, .spz, .sog, .glb or .splat file, or output "
+                   "folder of 'ubs train'")
       ->required()
       ->type_name("FROM");
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
@@ -302,38 +304,38 @@ Command add_convert(CLI::App& root) {
   const std::string names = fmt::format("{}", fmt::join(formats, ", "));
   formats.emplace_back("auto");
   app->add_option("--to", options->format,
-                  names + " [by extension; .ply: ubs from a foreign file, 3dgs from one of ours]")
+                  names + " [by extension; .ply: ubs for a third-party file, 3dgs for a ubs model]")
       ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
-      app->add_option("--time", options->time, "time that an exported dynamic model is frozen at, 0 to 1 [0]")
+      app->add_option("--time", options->time, "time at which a dynamic model is exported, 0 to 1 [0]")
           ->type_name("T");
   options->opacity_option =
       app->add_option("--opacity", options->opacity,
-                      "of an exported splat, over the directions: mean, weighted or max [mean]")
+                      "opacity of an exported splat, over all view directions: mean, weighted or max [mean]")
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
   app->add_option(
          "--data", options->data,
-         "data folder: the loss is measured on it, directions are averaged over its training cameras")
+         "data folder to measure the quality on; view directions are averaged over its training cameras")
       ->type_name("DIR");
-  options->split_option =
-      app->add_option("--split", options->split, "split to measure on [test; with --distill train]")
-          ->type_name("NAME");
+  options->split_option = app->add_option("--split", options->split,
+                                          "split to measure the quality on [test; with --distill train]")
+                              ->type_name("NAME");
   app->add_option("--conditioning", options->conditioning,
-                  "our model in the other form of conditioning: direct or covariance (docs/method.md 9)")
+                  "convert a ubs model to this form of conditioning: direct or covariance (docs/method.md 9)")
       ->check(CLI::IsMember({"direct", "covariance"}))
       ->type_name("FORM");
   app->add_option("--distill", options->distill,
-                  "fit the exported Gaussians to the model's own pictures of the training cameras (of "
-                  "--data, else of the run) for about this time, such as 60s or 5m")
+                  "fit the exported Gaussians to renders of the model from the training cameras (of --data, "
+                  "otherwise of the run) for about this time, such as 60s or 5m")
       ->type_name("TIME");
-  app->add_option("--degree", options->degree, "of the harmonics of distilled Gaussians [3]")
+  app->add_option("--degree", options->degree, "degree of the spherical harmonics of distilled Gaussians [3]")
       ->check(from_to(0, 3))
       ->needs("--distill")
       ->type_name("K");
   app->add_option("--series", options->series,
-                  "so many files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
+                  "number of files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
       ->check(from_to(2, kMaxSeries))
       ->excludes("--time")
       ->type_name("K");

@@ -54,7 +54,7 @@ Json verdict_json(const std::vector<check::Verdict>& verdicts) {
 
 int list(const DevicesOptions& options) {
   if (options.devices.size() > 1)
-    fail(ErrorKind::usage, "--device: several devices are for --check and --doctor");
+    fail(ErrorKind::usage, "--device: several devices are only allowed with --check and --doctor");
   const std::vector<DeviceInfo> devices = list_devices();
   const std::size_t chosen = choose_device(devices, options.devices.empty() ? "" : options.devices[0]);
   if (options.json) {
@@ -97,18 +97,19 @@ Command add_devices(CLI::App& root) {
   CLI::App* app = root.add_subcommand("devices", "List the compute devices, check them, look for problems");
   const auto options = std::make_shared<DevicesOptions>(*app);
   app->add_option("--device", options->devices,
-                  "device as for other commands; several with --check and --doctor [UBS_DEVICE, else all]")
+                  "device to list; several are allowed with --check and --doctor [UBS_DEVICE, otherwise all]")
       ->delimiter(',')
       ->type_name("A,B");
-  CLI::Option* check = app->add_flag("--check", options->check,
-                                     "compare every stage with float64; exit code 10 if a device is wrong");
+  CLI::Option* check =
+      app->add_flag("--check", options->check,
+                    "compare every stage with float64; exit code 10 if a device computes wrong results");
   app->add_option("--dim", options->dims, "with --check: dimensions of the splats [3,6,7]")
       ->delimiter(',')
       ->check(from_to(kMinDim, kMaxDim))
       ->needs(check)
       ->type_name("N,N");
   app->add_flag("--doctor", options->doctor,
-                "say whether all is well with this machine, and what to do if not")
+                "check this machine's installation and devices, and suggest fixes")
       ->excludes(check);
   app->add_flag("--json", options->json, "machine-readable output");
   options->settings.need(*app, check);

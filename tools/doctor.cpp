@@ -87,13 +87,14 @@ class Doctor {
     json_["system"] = text;
     json_["opencv"] = opencv;
     line("version    {}\nsystem     {}, {} threads; OpenCV {}", version_line(), text,
-         std::thread::hardware_concurrency(), opencv ? "yes" : "no: neither view nor report");
+         std::thread::hardware_concurrency(),
+         opencv ? "yes" : "no: 'ubs view' and 'ubs report' are not available");
     double load[1] = {0};
     if (getloadavg(load, 1) != 1) return;
     json_["load"] = load[0];
     if (load[0] > 1.5 * std::thread::hardware_concurrency())
-      trouble(0, fmt::format("other programs keep the processors busy (load {:.1f})", load[0]),
-              "training takes longer; wait for them or stop them");
+      trouble(0, fmt::format("other programs are using the processors (load {:.1f})", load[0]),
+              "training will be slower: wait for them or stop them");
   }
 
   void memory() {
@@ -104,7 +105,7 @@ class Doctor {
     line("memory     {:.1f} GiB, {:.1f} GiB free{}", gib(all), gib(free), memory_limits_text());
     if (gib(free) < kFewFree)
       trouble(0, fmt::format("only {:.1f} GiB of memory are free", gib(free)),
-              "use smaller pictures (--downscale 2) and fewer splats (--cap-max)");
+              "use smaller images (--downscale 2) and fewer splats (--cap-max)");
   }
 
   // What the system would give up for a program that asks.
@@ -127,10 +128,10 @@ class Doctor {
   void folders() {
     json_["folders"] = Json::array();
     folder("compiled kernels", kernel_cache_folder(),
-           "every start compiles for seconds; set UBS_KERNEL_CACHE to a folder that can be written");
+           "kernels are compiled again at every start: set UBS_KERNEL_CACHE to a writable folder");
     folder("results of ubs-lab tune", cache_folder("UBS_TUNING_DIR"),
-           "set UBS_TUNING_DIR to a folder that can be written");
-    folder("temporary files", temporary_folder(), "set TMPDIR to a folder that can be written");
+           "set UBS_TUNING_DIR to a writable folder");
+    folder("temporary files", temporary_folder(), "set TMPDIR to a writable folder");
   }
 
   void examine(const DeviceInfo& info, std::size_t index) {
@@ -171,7 +172,7 @@ class Doctor {
 
   void verdict() {
     if (working_ == 0 && code_ == 0) code_ = first_failure_ ? first_failure_ : exit_code(ErrorKind::device);
-    const std::string text = code_ != 0          ? "something must be mended before results can be trusted"
+    const std::string text = code_ != 0 ? "fix the problems above before you trust results of this machine"
                              : problems_.empty() ? "all is well"
                                                  : "it works, with remarks";
     json_["problems"] = problems_;

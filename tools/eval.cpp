@@ -117,9 +117,9 @@ int run(EvalOptions& options) {
   say("{} views of '{}': {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split,
       metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)
-    say("frames   {:.1f} a second{}, median of {} views\n", rate.wall_fps,
+    say("frames   {:.1f} per second{}, median of {} views\n", rate.wall_fps,
         rate.device_fps ? fmt::format(" (device alone {:.1f})", *rate.device_fps) : "", rate.views);
-  say("storage  {}; device memory of drawing {}, of all {}\n", memory_text(storage),
+  say("memory   model {}; device memory {} for rendering, {} in total\n", memory_text(storage),
       memory_text(render_bytes), memory_text(session.device().peak_bytes()));
   return 0;
 }
@@ -130,13 +130,14 @@ Command add_eval(CLI::App& root) {
   CLI::App* app = root.add_subcommand("eval", "Measure a model against the images of a split");
   const auto options = std::make_shared<EvalOptions>(*app);
   app->get_option("--data")->description(kRunDataHelp);
-  app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
-  app->add_option("--fps-views", options->fps_views, "views drawn to measure frames a second, 0: none [20]")
+  app->add_option("--out", options->out, "write the measurements to this JSON file")->type_name("FILE");
+  app->add_option("--fps-views", options->fps_views,
+                  "number of views to measure frames per second on, 0: none [20]")
       ->check(not_negative())
       ->type_name("N");
   app->add_option(
          "--appearance", options->appearance,
-         "measure also with exposure and white balance fitted to each image: none, gain or affine [none]")
+         "also measure with exposure and white balance fitted to each image: none, gain or affine [none]")
       ->transform(CLI::CheckedTransformer(std::map<std::string, Appearance>{
           {"none", Appearance::none}, {"gain", Appearance::gain}, {"affine", Appearance::affine}}))
       ->type_name("MODE");

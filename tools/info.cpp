@@ -295,7 +295,7 @@ int run(InfoOptions& options) {
   if (info["format"] != splat_format("ubs").title) say("format    {}\n", info["format"].get<std::string>());
   for (const auto& remark : info["remarks"]) say("import    {}\n", remark.get<std::string>());
   if (info["noted_cameras"] > 0)
-    say("seen by   {} training cameras that the file names\n", info["noted_cameras"].get<std::size_t>());
+    say("seen by   {} training cameras listed in the file\n", info["noted_cameras"].get<std::size_t>());
   for (const auto& comment : info["comments"])
     if (const auto text = comment.get<std::string>(); text.starts_with("ubs_drawn "))
       say("drawn     with {}\n", text.substr(10));
@@ -307,11 +307,10 @@ int run(InfoOptions& options) {
 }  // namespace
 
 Command add_info(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("info", "Describe a model file, a data folder or a packed data set");
+  CLI::App* app = root.add_subcommand("info", "Describe a model, a data folder or a packed data set");
   const auto options = std::make_shared<InfoOptions>(*app);
-  app->add_option(
-         "model", options->model,
-         "splat model of any format, run folder, data folder, nerfstudio JSON file or packed data set")
+  app->add_option("model", options->model,
+                  "model of any format, run folder, data folder, nerfstudio JSON file or packed data set")
       ->required()
       ->type_name("PATH");
   app->add_flag("--json", options->json, "machine-readable output");

@@ -40,7 +40,9 @@ std::map<std::string, fs::path> images_in(const fs::path& folder) {
   std::map<std::string, fs::path> images;  // by name without extension
   for (const fs::path& entry : pictures_in(folder))
     if (const auto [first, fresh] = images.emplace(entry.stem().string(), entry); !fresh)
-      fail(ErrorKind::data, "{} and {}: images are paired by name without extension; move one away",
+      fail(ErrorKind::data,
+           "{} and {} have the same name without extension, by which images are paired: move one of them "
+           "elsewhere",
            first->second.string(), entry.string());
   return images;
 }
@@ -49,7 +51,7 @@ std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
   for (const fs::path& path : {truth, image})
     if (!path_exists(path)) fail(ErrorKind::data, "{}: no such file or folder", path.string());
   if (is_folder(truth) != is_folder(image))
-    fail(ErrorKind::usage, "'{}' and '{}': two images or two folders", truth.string(), image.string());
+    fail(ErrorKind::usage, "'{}' and '{}': pass two images or two folders", truth.string(), image.string());
   if (!is_folder(truth)) return {{image.stem().string(), truth, image}};
   const auto truths = images_in(truth), images = images_in(image);
   std::vector<Pair> pairs;
@@ -59,7 +61,7 @@ std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
   if (pairs.empty())
     fail(ErrorKind::data, "'{}' and '{}' have no images of the same name", truth.string(), image.string());
   if (const std::size_t alone = truths.size() + images.size() - 2 * pairs.size(); alone > 0)
-    warn("{} images have no partner in the other folder and are left out", alone);
+    warn("{} images have no counterpart in the other folder and are not measured", alone);
   return pairs;
 }
 
@@ -101,7 +103,7 @@ int run(const MetricsOptions& options) {
 }  // namespace
 
 Command add_metrics(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("metrics", "Measure images against others");
+  CLI::App* app = root.add_subcommand("metrics", "Measure images against reference images");
   const auto options = std::make_shared<MetricsOptions>(*app);
   app->add_option("A", options->truth, "reference: an image, or a folder of images")
       ->required()
@@ -110,7 +112,7 @@ Command add_metrics(CLI::App& root) {
       ->required()
       ->type_name("FILE|DIR");
   add_device_option(*app, options->device);
-  app->add_option("--out", options->out, "JSON file to write the measurements to")->type_name("FILE");
+  app->add_option("--out", options->out, "write the measurements to this JSON file")->type_name("FILE");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

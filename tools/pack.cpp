@@ -74,7 +74,7 @@ Command add_pack(CLI::App& root) {
   app->add_option("data", options->data, "data folder of any layout that train reads")
       ->required()
       ->type_name("DATA");
-  app->add_option("--out", options->out, "file to write, by habit with the suffix .ubsd")
+  app->add_option("--out", options->out, "file to write, usually with the extension .ubsd")
       ->required()
       ->type_name("FILE");
   add_overwrite_option(*app, options->overwrite);

@@ -100,8 +100,8 @@ int plan_train(const PlanOptions& options) {
     return 0;
   }
   if (unasked)
-    say("schedule   {} iterations, at most {} splats; 'ubs train' ends after {} with fewer of both "
-        "(--iterations {} for the published one)\n",
+    say("schedule   {} iterations, at most {} splats; without options 'ubs train' ends after {} iterations "
+        "with fewer splats (--iterations {} for the published schedule)\n",
         settings.iterations, settings.cap_max, duration_text(kUnaskedSeconds), kScheduleLength);
   say_plan(*device, plan);
   return 0;
@@ -143,7 +143,7 @@ RankCosts read_costs(const std::string& path) {
     costs.drawn_share = number(json, "drawn_share");
     costs.intersections_per_drawn = number(json, "intersections_per_drawn");
   } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: not the costs that 'ubs plan --ranks ... --json' prints", path);
+    fail(ErrorKind::data, "{}: this is not the output of 'ubs plan --ranks ... --json'", path);
   }
   return costs;
 }
@@ -200,54 +200,55 @@ int plan_ranks(const PlanOptions& options) {
 
 int run(PlanOptions& options) {
   if (!options.ranks.empty() && !options.model.empty())
-    fail(ErrorKind::usage, "--ranks plans a training: leave out --model");
+    fail(ErrorKind::usage, "--ranks only applies to training: remove --model");
   if (!options.model.empty()) return plan_render(options);
-  if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs plan FOLDER (see 'ubs plan --help')");
+  if (options.data.empty())
+    fail(ErrorKind::usage, "no data folder given: ubs plan FOLDER (see 'ubs plan --help')");
   return options.ranks.empty() ? plan_train(options) : plan_ranks(options);
 }
 
 }  // namespace
 
 Command add_plan(CLI::App& root) {
-  CLI::App* app = root.add_subcommand(
-      "plan",
-      "Say what training a data set, or drawing a model, will need: kernels, memory, intersections, time");
+  CLI::App* app = root.add_subcommand("plan",
+                                      "Predict what training on a data set, or rendering a model, needs: "
+                                      "kernels, memory, intersections, time");
   const auto options = std::make_shared<PlanOptions>(*app);
   app->add_option("data,--data", options->data, "data folder, or packed file [with --model: of its run]")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
-  CLI::Option* model =
-      add_model_option(*app, "--model", options->model,
-                       "plan the drawing of this model, or of a run's, instead of a training");
+  CLI::Option* model = add_model_option(*app, "--model", options->model,
+                                        "predict the rendering of this model or run instead of a training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
   app->add_flag("--depth", options->depth, "with --model: also the depth channel");
   for (const char* drawing : {"--split", "--depth"}) app->get_option(drawing)->needs(model);
   add_device_option(*app, options->device);
-  CLI::Option* ranks =
-      app->add_option(
-             "--ranks", options->ranks,
-             "what a step takes that so many processes of mpirun share, each with a device like this "
-             "one (docs/cluster.md)")
-          ->delimiter(',')
-          ->check(from_to(1, 65536))
-          ->type_name("R,...");
+  CLI::Option* ranks = app->add_option("--ranks", options->ranks,
+                                       "estimate the step time when this many MPI processes share the "
+                                       "training, each with a device like this one (docs/cluster.md)")
+                           ->delimiter(',')
+                           ->check(from_to(1, 65536))
+                           ->type_name("R,...");
   app->add_option("--link", options->network.gigabytes_per_second,
-                  "with --ranks: GB/s between them, of each [10]")
+                  "with --ranks: network bandwidth of each process in GB/s [10]")
       ->needs(ranks)
       ->check(positive())
       ->type_name("GB/S");
-  app->add_option("--latency", options->network.latency_us, "with --ranks: microseconds of a message [5]")
+  app->add_option("--latency", options->network.latency_us,
+                  "with --ranks: latency of a message in microseconds [5]")
       ->needs(ranks)
       ->check(not_negative())
       ->type_name("US");
-  app->add_option("--splats", options->splats, "with --ranks: splats of the model, such as 10M [cap_max]")
+  app->add_option("--splats", options->splats,
+                  "with --ranks: number of splats of the model, such as 10M [cap_max]")
       ->needs(ranks)
       ->delimiter(',')
       ->transform(CLI::AsNumberWithUnit(std::map<std::string, double>{{"K", 1e3}, {"M", 1e6}, {"G", 1e9}}))
       ->check(from_to(1.0, 1e12))
       ->type_name("COUNT,...");
   app->add_option("--costs", options->costs,
-                  "with --ranks: of another device, as --json printed them there, in place of measuring")
+                  "with --ranks: step costs of another device, as printed there with --json, instead of "
+                  "measuring this one")
       ->needs(ranks)
       ->type_name("FILE");
   app->add_flag("--json", options->json, "machine-readable output");

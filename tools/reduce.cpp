@@ -80,7 +80,7 @@ class Session {
   Device& device() { return *device_; }
 
   Contributions contributions() {
-    note("what each splat contributes to {} training views", train_.views.size());
+    note("measuring what each splat contributes to {} training views", train_.views.size());
     return measure_contributions(*device_, renderer_, before_, render_, train_.views.size());
   }
   Metrics quality(const DeviceGroups& model, Renderer& renderer, const Split& split) {
@@ -166,7 +166,7 @@ double search_bound(const ReduceOptions& options, Session& session, const Reduce
 
 void check(const ReduceOptions& options) {
   if (options.lossless && options.bound >= 0)
-    fail(ErrorKind::usage, "--lossless and --bound exclude one another");
+    fail(ErrorKind::usage, "--lossless and --bound cannot be combined");
   check_output_files({options.out, options.effects}, {options.model, options.data}, options.overwrite);
 }
 
@@ -177,10 +177,10 @@ int run(ReduceOptions& options) {
   Session session(options);
   const MixedModel& model = session.model();
   if ((!Slicer::knows(model.variant()) || model.variant().direct()) && options.only != "splats")
-    warn("dimensions are looked at in models of the published form only ({}): splats alone are given up",
+    warn("dimensions are only removed from models of the published form ({}): only splats are removed here",
          to_string(model.variant()));
   const Contributions contributions = session.contributions();
-  session.note("what the dimensions of {} splats do", model.count());
+  session.note("measuring the dimensions of {} splats", model.count());
   const std::vector<Camera> train_cameras = cameras_of(session.train());
   const double worst = options.lossless ? 0 : options.bound >= 0 ? options.bound : kMaxBound;
   const Reducer reducer(model, train_cameras, contributions, session.eps2d(), worst);
@@ -194,7 +194,7 @@ int run(ReduceOptions& options) {
   const Reduced reduced = reducer.reduce(report.bound, choice_of(options));
   if (reduced.model.count() == 0)
     fail(ErrorKind::data,
-         "no splat is left: the model contributes nothing to the training views beyond the bound {}",
+         "no splat would be left: the model contributes nothing to the training views above the bound {}",
          report.bound);
   report.after = &reduced;
   session.compare(reduced, report);
@@ -224,29 +224,33 @@ int run(ReduceOptions& options) {
 }  // namespace
 
 Command add_reduce(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("reduce", "Take away what the training views do not need of a model");
+  CLI::App* app =
+      root.add_subcommand("reduce", "Remove splats and dimensions that the training views do not need");
   const auto options = std::make_shared<ReduceOptions>(*app);
   add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
-  app->add_option("--out", options->out, "reduced model, splats of different dimensions as groups")
+  app->add_option("--out", options->out,
+                  "file for the reduced model; splats of different dimensions become groups")
       ->required()
       ->type_name("FILE");
-  CLI::Option* loss =
-      app->add_option("--max-loss-db", options->max_loss_db, "most PSNR to lose on the training views [0.05]")
-          ->check(from_to(0.0, 100.0))
-          ->type_name("DB");
+  CLI::Option* loss = app->add_option("--max-loss-db", options->max_loss_db,
+                                      "largest allowed loss of PSNR on the training views, in dB [0.05]")
+                          ->check(from_to(0.0, 100.0))
+                          ->type_name("DB");
   app->add_option("--bound", options->bound,
-                  "instead: most change of a splat's weight in a pixel, 0 to 1 (0: what is lossless)")
+                  "instead of --max-loss-db: largest allowed change of a splat's weight in a pixel, 0 to 1 "
+                  "(0: lossless)")
       ->check(from_to(0.0, 1.0))
       ->excludes(loss)
       ->type_name("B");
   app->add_flag("--lossless", options->lossless,
-                "only what leaves the images of the training views as they are")
+                "remove only what does not change the images of the training views")
       ->excludes(loss);
-  app->add_option("--only", options->only, "give up only splats, or only dimensions [all]")
+  app->add_option("--only", options->only, "remove only splats, or only dimensions [all]")
       ->check(CLI::IsMember({"all", "splats", "dimensions"}))
       ->type_name("WHAT");
-  app->add_option("--effects", options->effects, "CSV of what each splat and its dimensions do")
+  app->add_option("--effects", options->effects,
+                  "CSV file with the contribution of each splat and its dimensions")
       ->type_name("FILE");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "no progress on stderr");

@@ -89,13 +89,13 @@ void save_channel(const RenderOptions& options, const std::string& channel, cons
     save_png_grey8(path, pixels, view.width, view.height);
   } else {
     const GreyRange range = save_png_grey16(path, pixels, view.width, view.height);
-    say("{}: depth {:.6g} to {:.6g} stands for 0 to 65535\n", path.string(), range.low, range.high);
+    say("{}: values 0 to 65535 are depths from {:.6g} to {:.6g}\n", path.string(), range.low, range.high);
   }
 }
 
 void check(const RenderOptions& options) {
   if (options.out.empty() && options.video.empty())
-    fail(ErrorKind::usage, "where to? --out DIR for pictures, --video FILE for a video");
+    fail(ErrorKind::usage, "no output given: pass --out DIR for images or --video FILE for a video");
   options.path.check_unused();
   if (!options.video.empty() && options.channels.size() != 1)
     fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
@@ -171,8 +171,9 @@ class Outputs {
     for (const View& view : split.views)
       if (view.camera.width != first.width || view.camera.height != first.height)
         fail(ErrorKind::usage,
-             "--video: view '{}' is of {}x{} pixels, the first one of {}x{}; --path or --views", view.name,
-             view.camera.width, view.camera.height, first.width, first.height);
+             "--video: view '{}' has {}x{} pixels, but the first one has {}x{}: pass --path, or choose views "
+             "of one size with --views",
+             view.name, view.camera.width, view.camera.height, first.width, first.height);
     video_ = std::make_unique<VideoWriter>(options.video, first.width, first.height, options.path.fps());
     if (channels_.contains("depth")) range_ = common_range(session, split.views.size());
   }
@@ -195,7 +196,7 @@ class Outputs {
     if (!video_) return;
     video_->commit();
     const Camera& camera = split.views.front().camera;
-    say("{} frames of {}x{}, {:.2f} s at {} a second, {}, in {}\n", n, camera.width, camera.height,
+    say("{} frames of {}x{}, {:.2f} s at {} frames per second, {}, in {}\n", n, camera.width, camera.height,
         static_cast<double>(n) / options_.path.fps(), options_.path.fps(), video_->codec(), options_.video);
   }
 
@@ -248,26 +249,28 @@ int run(RenderOptions& options) {
 
 Command add_render(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
-      "render", "Draw a model from the cameras of a data folder, from around it, or along a path");
+      "render", "Render a model from the cameras of a data folder, from around the scene, or along a path");
   const auto options = std::make_shared<RenderOptions>(*app);
-  app->add_option("--out", options->out, "folder for one file per view, named after the frame")
+  app->add_option("--out", options->out, "folder to write one file per view to, named after the frame")
       ->type_name("DIR");
   app->add_option("--video", options->video,
                   fmt::format("video of the views: {}", fmt::join(video_extensions(), ", ")))
       ->type_name("FILE");
   app->add_option("--format", options->format,
-                  "png (rgb and alpha 8 bit, depth 16 bit of its range) or npy (float32, not clamped) [png]")
+                  "png (rgb and alpha with 8 bits, depth with 16 bits over its range) or npy (float32, not "
+                  "clamped) [png]")
       ->check(CLI::IsMember({"png", "npy"}))
       ->type_name("png|npy");
-  app->add_option("--views", options->views, "numbers of views, such as 0,3,5 [all]")
+  app->add_option("--views", options->views, "indices of the views to render, such as 0,3,5 [all]")
       ->delimiter(',')
       ->type_name("K,K,...");
-  app->add_option("--channels", options->channels,
-                  "of rgb,alpha,depth; alpha and depth files get the suffix _alpha, _depth [rgb]")
+  app->add_option(
+         "--channels", options->channels,
+         "channels to write: rgb, alpha, depth; alpha and depth files get the suffix _alpha and _depth [rgb]")
       ->delimiter(',')
       ->check(CLI::IsMember({"rgb", "alpha", "depth"}))
       ->type_name("LIST");
-  app->get_option("--split")->description("train, val or test [test; with --path train]");
+  app->get_option("--split")->description("split: train, val or test [test; with --path train]");
   app->get_option("--format")->needs("--out");
   app->get_option("--fps")->needs("--video");
   add_overwrite_option(*app, options->overwrite);

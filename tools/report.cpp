@@ -60,7 +60,7 @@ std::optional<Checkpoint> later_checkpoint(RunRecord& run) {
     return checkpoint;
   } catch (const Error& error) {
     if (!has_model || error.kind() != ErrorKind::data) throw;
-    run.remarks.push_back(fmt::format("the checkpoint is left out: {}", error.what()));
+    run.remarks.push_back(fmt::format("the checkpoint is ignored: {}", error.what()));
     return {};
   }
 }
@@ -82,7 +82,7 @@ RunModel open_run_model(RunRecord& run) {
     out.offset = loaded.offset;
     out.loaded = std::move(loaded);
   } else {
-    run.remarks.push_back("model.ply is missing: no pictures and no histograms");
+    run.remarks.push_back("model.ply is missing: the report has no images and no histograms");
   }
   return out;
 }
@@ -110,7 +110,7 @@ Views open_views(const RunModel& model, const fs::path& data, TrainSettings sett
 // of those asked for, what cannot be read is an error.
 std::optional<Views> find_views(RunRecord& run, const RunModel& model, const ReportOptions& options) {
   constexpr const char* kOthers =
-      "the data in {} are not those that the run was trained on: cameras, names or images differ{}";
+      "{} is not the data that the run was trained on: cameras, names or images differ{}";
   if (!options.data.empty()) {
     Views views = open_views(model, options.data, run.settings);
     if (!views.same) run.remarks.push_back(fmt::format(kOthers, options.data, ""));
@@ -334,7 +334,7 @@ int run(ReportOptions& options) {
     return 0;
   }
   const auto mib = [](std::size_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
-  say("page     {}: {:.2f} MiB, of which {} pictures are {:.2f} MiB\n", out, mib(page.html.size()),
+  say("page     {}: {:.2f} MiB, of which {} images are {:.2f} MiB\n", out, mib(page.html.size()),
       page.pictures, mib(page.picture_bytes));
   return 0;
 }
@@ -343,21 +343,21 @@ int run(ReportOptions& options) {
 
 Command add_report(CLI::App& root) {
   CLI::App* app =
-      root.add_subcommand("report", "Make an HTML page about one training run, or several side by side");
+      root.add_subcommand("report", "Write an HTML report about one training run, or several side by side");
   const auto options = std::make_shared<ReportOptions>();
   app->add_option("runs", options->runs, "output folders of 'ubs train'")->required()->type_name("RUN...");
   app->add_option("--out", options->out, "page to write [RUN/report.html of a single run]")
       ->type_name("FILE");
   app->add_option("--data", options->data,
-                  "data folder or packed file, in place of the one that the runs name")
+                  "data folder or packed file, instead of the one recorded in the runs")
       ->type_name("DIR|FILE");
   app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
       ->check(from_to(1, 1000))
       ->type_name("N");
-  app->add_flag("--no-viewer", options->no_viewer, "without the live model on top");
+  app->add_flag("--no-viewer", options->no_viewer, "leave out the interactive model at the top of the page");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
-  app->add_flag("--json", options->json, "print what the page shows for machines, without the pictures");
+  app->add_flag("--json", options->json, "print the numbers of the page as JSON");
   return {app, [options] { return run(*options); }};
 }
 

@@ -33,7 +33,7 @@ int run(SynthOptions options) {
 Command add_synth(CLI::App& root) {
   const auto options = std::make_shared<SynthOptions>();
   SyntheticOptions& scene = options->scene;
-  CLI::App* app = root.add_subcommand("synth", "Write a procedural data set");
+  CLI::App* app = root.add_subcommand("synth", "Generate a synthetic data set");
   app->add_option("scene", scene.scene, "glossy (static, reflections), orbit (dynamic), cloud (volume)")
       ->required()
       ->type_name("SCENE");
@@ -48,7 +48,7 @@ Command add_synth(CLI::App& root) {
   app->add_option("--test-views", scene.test_views, "test views")->capture_default_str();
   app->add_option("--val-views", scene.val_views, "validation views")->capture_default_str();
   app->add_option("--supersampling", scene.supersampling, "rays per pixel and axis")->capture_default_str();
-  app->add_option("--seed", scene.seed, "places the cameras; shapes the cloud")
+  app->add_option("--seed", scene.seed, "seed for camera positions, and for the shape of the cloud")
       ->check(not_negative())
       ->capture_default_str();
   add_overwrite_option(*app, scene.overwrite);

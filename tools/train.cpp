@@ -108,8 +108,8 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
     }
     if (keeper.saved_iteration() < 0) throw;
     throw Error(error.kind(),
-                fmt::format("{}; the state of iteration {} is kept: ubs train --resume {}", error.what(),
-                            keeper.saved_iteration(), shell_word(folder.path().string())));
+                fmt::format("{}; the state at iteration {} was saved: resume with 'ubs train --resume {}'",
+                            error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
   }
 }
 
@@ -135,7 +135,7 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 
 void say_background(const PictureFacts& facts) {
   if (facts.mean_colour)
-    say("         background {}: the mean colour of the pictures (--background)\n",
+    say("         background {}: the mean colour of the images (--background)\n",
         fmt::join(*facts.mean_colour, ","));
 }
 
@@ -171,7 +171,7 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
         start.settings.cap_max,
         budget.seconds > 0 ? fmt::format("; steps measured in {}", duration_text(budget.measured)) : "");
     if (!asked)
-      say("         (--iterations {} for the published one, --budget TIME for another time)\n",
+      say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
           kScheduleLength);
     say_background(pictures);
   }
@@ -214,7 +214,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
     if (keeper.saved_iteration() < 0) throw;
     const Error error = as_error(exception);
     throw Error(error.kind(),
-                fmt::format("{}; the results can be had from iteration {} on: ubs train --resume {}",
+                fmt::format("{}; resume from iteration {} with 'ubs train --resume {}' to write the results",
                             error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
   }
   folder.remove_checkpoint();
@@ -249,10 +249,9 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
 // none has the model that a visitor would see.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
-    fail(ErrorKind::usage, "--budget is for one process: choose --iterations where ranks share a training");
+    fail(ErrorKind::usage, "--budget is not supported with several MPI processes: use --iterations");
   if (options.serve.option().count() > 0)
-    fail(ErrorKind::usage,
-         "--serve shows the model of one process: leave it out where ranks share a training");
+    fail(ErrorKind::usage, "--serve is not supported with several MPI processes: remove it");
 }
 
 int print_settings(const TrainOptions& options) {
@@ -276,7 +275,8 @@ int run(const TrainOptions& options) {
   const bool overwrite = options.start.overwrite || start.checkpoint;
   folder.check_files(overwrite);
   const std::unique_ptr<serve::Server> server = options.serve.open();
-  std::optional<EndOnRequest> beforehand("\nubs: interrupted before the first step; no run was begun\n");
+  std::optional<EndOnRequest> beforehand(
+      "\nubs: interrupted before the first iteration; nothing was written\n");
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   Json chosen = Json::array();  // not set by anyone
   if (settings.dim == kAutoInt) chosen.push_back("dim");
@@ -293,7 +293,7 @@ int run(const TrainOptions& options) {
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   if (options.talkative() && options.start.out.empty() && !start.checkpoint)
-    say("output   {} (--out to choose)\n", start.out);
+    say("output   {} (choose another folder with --out)\n", start.out);
   Checkpoint run =
       identity(settings, absolute_path(start.data).lexically_normal().string(), data_print, *device);
   const int device_kinds = join_run(ranks(), run);
@@ -310,7 +310,7 @@ int run(const TrainOptions& options) {
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
   warm_up(settings, initial);
   if (options.talkative())
-    say("kernels  ready in {:.1f} s, before the clock of training starts\n{} {} splats\n", build_seconds,
+    say("kernels  compiled in {:.1f} s (not counted as training time)\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   flush_out();
   networks.reset();  // its memory is no part of training's
@@ -377,8 +377,8 @@ int run(const TrainOptions& options) {
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, peak_bytes, renders);
     if (learnt != Background::Learnt::no)
-      say("learnt   background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
-          learnt == Background::Learnt::sky ? " on average over all directions" : "");
+      say("trained  background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
+          learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }
   return guard.interrupted() ? kInterruptedExitCode : 0;
@@ -387,11 +387,11 @@ int run(const TrainOptions& options) {
 }  // namespace
 
 Command add_train(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("train", "Learn a model from a data set");
+  CLI::App* app = root.add_subcommand("train", "Train a model on a data set");
   const auto options = std::make_shared<TrainOptions>(*app);
-  app->add_option(
-         "data,--data", options->start.data,
-         "data folder: Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V (docs/data.md); or packed file")
+  app->add_option("data,--data", options->start.data,
+                  "data folder of Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V layout (docs/data.md), or "
+                  "packed file")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
   app->add_option("--out", options->start.out,
@@ -401,26 +401,25 @@ Command add_train(CLI::App& root) {
   app->add_option(
          "--budget", options->start.budget,
          fmt::format(
-             "train for this time, such as 90s, 10m or 1h: iterations, splats and growth follow from what "
-             "steps take (docs/budget.md) [without --iterations {} of them or 15m, whichever ends first]",
+             "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
+             "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]",
              kUnaskedIterations))
       ->type_name("TIME");
-  app->add_option(
-         "--resume", options->start.resume,
-         "go on with the run in this output folder, which was interrupted, with the data and settings it has")
+  app->add_option("--resume", options->start.resume,
+                  "resume the interrupted run in this output folder with its data and settings")
       ->type_name("DIR");
   app->add_flag("--any-device", options->start.any_device,
-                "with --resume: also on another device (other bits)")
+                "with --resume: allow a different device; results will not be bit-identical")
       ->needs("--resume")
       ->group(kRareGroup);
   add_overwrite_option(*app, options->start.overwrite);
   app->add_flag("--print-settings", options->print_settings,
-                "only print all settings as a file for --spec (with --json as JSON): those given here, and "
-                "published values for the others")
+                "print all settings as a file for --spec (with --json: as JSON) without training: those "
+                "given here, and the published values for all others")
       ->group(kRareGroup);
   add_device_option(*app, options->device);
   app->add_option("--serve-share", options->serve_share,
-                  "percent of the time of training that pictures of --serve may take [5]")
+                  "percentage of the training time that --serve may use for rendering [5]")
       ->needs(&options->serve.option())
       ->check(from_to(0.1, 100.0))
       ->type_name("PERCENT");

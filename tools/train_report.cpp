@@ -53,9 +53,9 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   say("settings and log  {}\n", start.out);
   const std::string run = shell_word(start.out);
   if (outcome.interrupted)
-    say("go on with  ubs train --resume {}\n", run);
+    say("next     ubs train --resume {}\n", run);
   else
-    say("next     ubs report {0} (a page), ubs view {0} (in the browser), ubs render {0} --video "
+    say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "
         "flight.mp4\n",
         run);
 }

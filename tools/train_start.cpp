@@ -31,7 +31,8 @@ NewSettings resolve_new(const SettingsOptions& given, const std::string& budget)
   };
   NewSettings run{.settings = resolved({}), .fast = {}};
   const bool unsaid = run.settings.iterations == kUnsaid;
-  if (asked && !unsaid) fail(ErrorKind::usage, "--budget chooses the iterations: leave out one of the two");
+  if (asked && !unsaid)
+    fail(ErrorKind::usage, "--budget chooses the number of iterations: remove --budget or --iterations");
   if (!unsaid) return run;
   run.settings.iterations = TrainSettings{}.iterations;
   run.fast = resolved(fast_settings());
@@ -120,7 +121,8 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data) {
 
 Start start_of(const StartOptions& options, const SettingsOptions& given, bool holds) {
   if (options.resume.empty()) {
-    if (options.data.empty()) fail(ErrorKind::usage, "which data? ubs train FOLDER (see 'ubs train --help')");
+    if (options.data.empty())
+      fail(ErrorKind::usage, "no data folder given: ubs train FOLDER (see 'ubs train --help')");
     Start start{resolve_new(given, options.budget)};
     if (!path_exists(options.data)) fail(ErrorKind::data, "{}: no such data folder", options.data);
     check_kind(options.data);
@@ -131,9 +133,9 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     return start;
   }
   if (!options.out.empty() || options.overwrite)
-    fail(ErrorKind::usage, "--resume goes on in the folder of the run: leave out --out and --overwrite");
+    fail(ErrorKind::usage, "--resume continues in the folder of the run: remove --out and --overwrite");
   if (!options.budget.empty())
-    fail(ErrorKind::usage, "--resume goes on with the schedule of the run: leave out --budget");
+    fail(ErrorKind::usage, "--resume continues the schedule of the run: remove --budget");
   auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
   Checkpoint checkpoint = open_checkpoint(options.resume);
   const TrainSettings settings = given.resolve(checkpoint.settings);

@@ -75,15 +75,16 @@ int run(ViewOptions& options) {
 }  // namespace
 
 Command add_view(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("view", "Show a model in the browser, drawn by this program");
+  CLI::App* app = root.add_subcommand("view", "Show a model in the browser, rendered by this program");
   const auto options = std::make_shared<ViewOptions>(*app);
   app->get_option("--split")->description("train, val or test [train]");
   app->add_option("--up", options->up, kUpHelp)->type_name("X,Y,Z|AXIS");
-  app->add_option("--port", options->address.port, "port of the page; 0: a free one [8080]")
+  app->add_option("--port", options->address.port, "port of the page; 0: any free port [8080]")
       ->check(from_to(0, 65535))
       ->type_name("PORT");
-  app->add_option("--host", options->address.host,
-                  "address to serve at; beyond this machine pages need the token that is printed [127.0.0.1]")
+  app->add_option(
+         "--host", options->address.host,
+         "address to listen on; requests from other machines need the token that is printed [127.0.0.1]")
       ->type_name("HOST");
   return {app, [options] { return run(*options); }};
 }

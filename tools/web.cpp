@@ -65,17 +65,17 @@ int run(WebOptions& options) {
   files_before_output();
   const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
-    fail(ErrorKind::usage, "--out {}: --embed, --poster and --title are of a page", options.out);
+    fail(ErrorKind::usage, "--out {}: --embed, --poster and --title only apply to an HTML page", options.out);
   check_output_files({options.out, options.poster}, {options.model, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
   RunData run;
   if (!options.data.empty()) run = use_run_data(options.model, options.data);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
-  if (!settings.background.harmonics.empty()) remark("ubs: the page shows the sky in its mean colour\n");
+  if (!settings.background.harmonics.empty()) remark("ubs: the page shows the mean colour of the sky\n");
   const Split split = page_views(options, loaded, settings, run.opened, frame_hints(loaded));
   if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
-    fail(ErrorKind::usage, "--view {}: there are the views 0 to {}", options.view, split.views.size() - 1);
+    fail(ErrorKind::usage, "--view {}: choose a view from 0 to {}", options.view, split.views.size() - 1);
   const auto note = [&](const std::string& text) {
     if (!options.quiet) remark("ubs: {} ...\n", text);
   };
@@ -126,9 +126,9 @@ int run(WebOptions& options) {
     say("level {}  {} splats, the first {:.2f} MB: {:.2f} dB\n", k + 1, packed.levels[k].splats,
         static_cast<double>(packed.levels[k].bytes) / 1e6, packed.levels[k].psnr.mean);
   if (options.exact)
-    say("error    none: the numbers are those of the model\n");
+    say("quality  lossless\n");
   else
-    say("error    {:.2f} dB against the exact model over {} cameras, {:.2f} dB for the worst\n",
+    say("quality  PSNR {:.2f} dB against the original model (mean of {} cameras; lowest {:.2f} dB)\n",
         json["psnr"].get<double>(), split.views.size(), json["psnr_worst"].get<double>());
   say("{}     {}: {:.2f} MB\n", container ? "file" : "page", options.out,
       static_cast<double>(json["bytes"].get<std::size_t>()) / 1e6);
@@ -138,33 +138,36 @@ int run(WebOptions& options) {
 }  // namespace
 
 Command add_web(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("web", "Make a page that shows a model in any browser");
+  CLI::App* app = root.add_subcommand("web", "Write an HTML page that shows a model in any browser");
   const auto options = std::make_shared<WebOptions>(*app);
   app->get_option("--data")->required(false);
-  app->get_option("--split")->description("cameras of the page, and of the error [train]");
-  app->add_option("--out", options->out, "page to write, or with the suffix .ubsz the model in it alone")
+  app->get_option("--split")->description(
+      "split whose cameras the page offers, and on which quality is measured [train]");
+  app->add_option("--out", options->out,
+                  "HTML page to write, or a file with the extension .ubsz for the compressed model alone")
       ->required()
       ->type_name("FILE");
-  app->add_option(
-         "--psnr", options->psnr,
-         "steps of the parameters so small that the pictures of the cameras keep this against the exact "
-         "model, in dB [50]")
+  app->add_option("--psnr", options->psnr,
+                  "quality of the compressed model: minimum PSNR against the original, averaged over the "
+                  "cameras, in dB [50]")
       ->check(from_to(20.0, 80.0))
       ->type_name("DB");
-  app->add_flag("--exact", options->exact, "no steps: the parameters as they are")->excludes("--psnr");
+  app->add_flag("--exact", options->exact, "store the parameters exactly, without quantisation")
+      ->excludes("--psnr");
   app->add_option("--levels", options->levels,
-                  "in so many levels of detail, the most important splats first; a page shows the first one "
-                  "when 300 KB of it are there [1]")
+                  "number of levels of detail, most important splats first; a page shows the first level "
+                  "when 300 KB have arrived [1]")
       ->check(from_to(1, 8))
       ->excludes("--exact")
       ->type_name("K");
-  app->add_option("--view", options->view, "camera that the page starts with [0]")->type_name("K");
-  app->add_option("--poster", options->poster,
-                  "also a still picture of that camera, which the page shows first")
+  app->add_option("--view", options->view, "index of the camera that the page starts with [0]")
+      ->type_name("K");
+  app->add_option("--poster", options->poster, "add a still image of that camera, which the page shows first")
       ->type_name("FILE.png");
   app->add_flag("--embed", options->embed,
-                "for a frame in another page: controls folded, the wheel scrolls until a click");
-  app->add_option("--title", options->title, "of the page [name of the file]")->type_name("TEXT");
+                "for embedding in another page: controls are folded, and the mouse wheel scrolls the outer "
+                "page until a click");
+  app->add_option("--title", options->title, "title of the page [name of the file]")->type_name("TEXT");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   app->add_flag("--quiet", options->quiet, "no notes on the way");

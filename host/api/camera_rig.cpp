@@ -61,7 +61,7 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
 InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind) {
   const double spread = spread_of(cameras);
   // One camera, or a turn on the spot: the pictures are the same at every size of the scene.
-  if (!(spread > 0)) return between(1, 10, "they stand at one place, any depth will do");
+  if (!(spread > 0)) return between(1, 10, "all cameras have the same position, so any depth will do");
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
   const double distance =
       meeting ? median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); }) : 0;

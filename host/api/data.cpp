@@ -20,13 +20,14 @@ const Split& split_of(const ubs_data* data, const char* split) {
 const View& view_of(const ubs_data* data, const char* split, std::size_t index) {
   const Split& found = split_of(data, split);
   if (index >= found.views.size())
-    fail(ErrorKind::usage, "there is no view {} in split '{}': it has {}", index, split, found.views.size());
+    fail(ErrorKind::usage, "view {} does not exist: split '{}' has {} views", index, split,
+         found.views.size());
   return found.views[index];
 }
 
 void check_split_name(const std::string& name) {
   if (name != "train" && name != "test" && name != "val")
-    fail(ErrorKind::usage, "a split is called train, test or val, not '{}'", name);
+    fail(ErrorKind::usage, "unknown split '{}': expected train, test or val", name);
 }
 
 Split& split_to_fill(Dataset& set, const std::string& name) {
@@ -38,7 +39,7 @@ Split& split_to_fill(Dataset& set, const std::string& name) {
 // A trainer refers to the views.
 Dataset& to_change(ubs_data* data) {
   if (given(data, "data").set.use_count() > 1)
-    fail(ErrorKind::usage, "a data set cannot be changed while a trainer uses it");
+    fail(ErrorKind::usage, "the data set cannot be changed while a trainer uses it");
   return *data->set;
 }
 
@@ -46,10 +47,10 @@ Dataset& to_change(ubs_data* data) {
 std::string checked_name(const char* name, const Split* split) {
   const std::string text = name ? name : std::to_string(split ? split->views.size() : 0);
   if (safe_file_name(text) != text)
-    fail(ErrorKind::usage, "'{}' is no name of a view: it cannot be one of a file", text);
+    fail(ErrorKind::usage, "'{}' is not a valid view name: it must be usable as a file name", text);
   if (!split) return text;
   for (const View& view : split->views)
-    if (view.name == text) fail(ErrorKind::usage, "split '{}' has a view '{}' already", split->name, text);
+    if (view.name == text) fail(ErrorKind::usage, "split '{}' already has a view '{}'", split->name, text);
   return text;
 }
 
@@ -70,7 +71,8 @@ Camera camera_from(const ubs_camera& from) {
   camera.height = from.height;
   camera.time = from.time;
   if (from.extra_count > kExtras)
-    fail(ErrorKind::usage, "a camera has at most {} further query values, not {}", kExtras, from.extra_count);
+    fail(ErrorKind::usage, "a camera can have at most {} further query values, but has {}", kExtras,
+         from.extra_count);
   camera.extra.assign(from.extra, from.extra + from.extra_count);
   return camera;
 }

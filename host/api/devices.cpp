@@ -42,7 +42,7 @@ ubs_status ubs_device_describe(size_t index, ubs_device_info* info) {
   return guarded([&] {
     const std::vector<DeviceInfo> devices = devices_here();
     if (index >= devices.size())
-      fail(ErrorKind::usage, "there is no device {}: there are {}", index, devices.size());
+      fail(ErrorKind::usage, "device {} does not exist: there are {} devices", index, devices.size());
     put(info, info_of(devices[index]), "info");
   });
 }

@@ -15,7 +15,7 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
   if (!std::isfinite(options.time)) fail(ErrorKind::usage, "time = {} is not finite", options.time);
   if (format.holds == SplatFormat::Holds::beta) {
     if (model.groups.size() > 1 || model.groups[0].dim != 3 || model.variant().kernel != SpatialKernel::beta)
-      fail(ErrorKind::usage, "{} holds Beta splats of N = 3: this model has {}, {}", format.title,
+      fail(ErrorKind::usage, "{} stores Beta splats of N = 3, but this model has {}, {}", format.title,
            to_string(model), to_string(model.variant()));
     ImportedSplats splats = to_imported_splats(model.groups[0]);
     splats.offset = offset;
@@ -24,7 +24,8 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
   std::size_t exact = 0;
   for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
   if (exact > 0)
-    remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians as they are" : "Gaussians as they are");
+    remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians are exported exactly"
+                                                  : "Gaussians as they are");
   if (exact < model.groups.size())
     remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
   std::optional<ImportedSplats> splats;

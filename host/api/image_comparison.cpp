@@ -34,7 +34,7 @@ float clamped(float value) { return std::clamp(value, 0.0f, 1.0f); }
 
 void check_finite(std::span<const float> image, const char* what) {
   if (!std::ranges::all_of(image, [](float v) { return std::isfinite(v); }))
-    fail(ErrorKind::numerical, "{} holds values that are not finite", what);
+    fail(ErrorKind::numerical, "{} contains values that are not finite", what);
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ constexpr double kDegree = std::numbers::pi / 180;
 void check_fields(const Json& object, const std::string& where, std::initializer_list<const char*> known) {
   for (const auto& [key, value] : object.items())
     if (std::ranges::find(known, key) == known.end())
-      fail(ErrorKind::data, "{}: unknown field '{}'; there are: {}", where, key, fmt::join(known, ", "));
+      fail(ErrorKind::data, "{}: unknown field '{}': expected one of {}", where, key, fmt::join(known, ", "));
 }
 
 Pose looking_pose(const Node& node, const KeyframeDefaults& defaults) {
@@ -46,7 +46,7 @@ Pose read_pose(const Node& node, const KeyframeDefaults& defaults) {
     pose = looking_pose(node, defaults);
   } else {
     for (const char* other : {"look_at", "up"})
-      if (node.has(other)) fail(ErrorKind::data, "{}: '{}' goes with 'position'", node.where, other);
+      if (node.has(other)) fail(ErrorKind::data, "{}: '{}' requires 'position'", node.where, other);
     Camera camera;
     if (node.has("world_to_camera"))
       frames::set_world_to_camera(camera, node);

@@ -29,7 +29,7 @@ LpipsRequest request_of(const char* networks, const char* weights) {
   const char* variable = std::getenv("UBS_LPIPS_WEIGHTS");
   request.weights = weights ? weights : variable ? variable : "";
   if (request.weights.empty())
-    fail(ErrorKind::usage, "LPIPS needs weights: give their file or folder, or set UBS_LPIPS_WEIGHTS");
+    fail(ErrorKind::usage, "LPIPS requires weights: pass their file or folder, or set UBS_LPIPS_WEIGHTS");
   return request;
 }
 

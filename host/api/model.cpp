@@ -17,7 +17,7 @@ const char* group_name(const std::string& name) {
                                            "beta", "mean", "scale", "l_triangle", "rotation"};
   for (const char* known : kNames)
     if (name == known) return known;
-  fail(ErrorKind::internal, "the parameter group '{}' has no name here", name);
+  fail(ErrorKind::internal, "unknown parameter group '{}'", name);
 }
 
 void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
@@ -45,10 +45,10 @@ ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_m
     const TrainSettings& values = given(settings, "settings").values;
     validate(values);
     if (values.dim == kAutoInt)
-      fail(ErrorKind::usage, "dim = auto: a model without data needs a number, 3 to 11");
+      fail(ErrorKind::usage, "dim = auto requires data: pass a number from 3 to 11");
     constexpr std::uint64_t kMaxSplats = 100'000'000;  // as of cap_max
     if (splats < 1 || splats > kMaxSplats)
-      fail(ErrorKind::usage, "a model has 1 to {} splats, not {}", kMaxSplats, splats);
+      fail(ErrorKind::usage, "a model can have 1 to {} splats, not {}", kMaxSplats, splats);
     auto created = std::make_unique<ubs_model>();
     created->loaded.model = SplatModel(values.dim, splats, values.variant);
     created->loaded.notes = notes_for(values, {});
@@ -113,7 +113,8 @@ ubs_status ubs_model_get_parameter(ubs_model* model, uint32_t group, uint32_t in
   return guarded([&] {
     std::vector<SplatModel>& groups = given(model, "model").loaded.model.groups;
     if (group >= groups.size())
-      fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
+      fail(ErrorKind::usage, "group {} does not exist: the model has {} groups of splats", group,
+           groups.size());
     SplatModel& splats = groups[group];
     ubs_parameter values{};
     values.dim = static_cast<std::uint32_t>(splats.dim);

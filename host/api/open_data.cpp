@@ -52,7 +52,7 @@ Split take_split(Dataset& data, const std::string& split) {
     if (candidate.name == split && !candidate.views.empty()) return std::move(candidate);
     if (!candidate.views.empty()) names.push_back(candidate.name);
   }
-  fail(ErrorKind::data, "{}: split '{}' has no views; there are: {}", data.report.folder, split,
+  fail(ErrorKind::data, "{}: split '{}' has no views; available: {}", data.report.folder, split,
        fmt::join(names, ", "));
 }
 

@@ -39,13 +39,13 @@ void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count
     same = a.groups[g].dim == b.groups[g].dim && a.groups[g].variant == b.groups[g].variant &&
            (same_count ? a.groups[g].count == b.groups[g].count : a.groups[g].count >= b.groups[g].count);
   if (!same)
-    fail(ErrorKind::usage, "{} ({}, form {}) does not fit the renderer's ({}, form {})", what, to_string(b),
+    fail(ErrorKind::usage, "{} ({}, form {}) does not match the renderer ({}, form {})", what, to_string(b),
          to_string(b.variant()), to_string(a), to_string(a.variant()));
 }
 
 void check_finite(std::span<const float> values, const char* what) {
   for (const float value : values)
-    if (!std::isfinite(value)) fail(ErrorKind::usage, "{} holds values that are not finite", what);
+    if (!std::isfinite(value)) fail(ErrorKind::usage, "{} contains values that are not finite", what);
 }
 
 // As the renderer has them now.
@@ -92,7 +92,7 @@ bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
 
 void need_gradients(const ubs_renderer& renderer) {
   if (!(renderer.flags & UBS_RENDER_GRADIENTS))
-    fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_GRADIENTS");
+    fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_GRADIENTS");
 }
 
 }  // namespace
@@ -106,7 +106,8 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
   return made(renderer, [&] {
     const LoadedModel& loaded = given(model, "model").loaded;
     if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS))
-      fail(ErrorKind::usage, "flags = {:#x}: this library knows depth and gradients", flags);
+      fail(ErrorKind::usage,
+           "flags = {:#x}: this library supports only UBS_RENDER_DEPTH and UBS_RENDER_GRADIENTS", flags);
     const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
     validate(values);
     auto created = std::make_unique<ubs_renderer>();
@@ -153,7 +154,7 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
     const ubs_image out = taken(image, "image");
     const Camera view = camera_for(r.shape, camera);
     if (out.depth && !(r.flags & UBS_RENDER_DEPTH))
-      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+      fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_DEPTH");
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
     r.differentiated.reset();
@@ -179,9 +180,10 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     const std::span<const float> depth(v.depth, v.depth ? pixels_of(view) : 0);
     need_gradients(r);
     if (v.depth && !(r.flags & UBS_RENDER_DEPTH))
-      fail(ErrorKind::usage, "the renderer was made without UBS_RENDER_DEPTH");
+      fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_DEPTH");
     if (on_device && (v.alpha || r.v_rgb_shape.width != view.width || r.v_rgb_shape.height != view.height))
-      fail(ErrorKind::usage, "UBS_ARRAY_V_RGB is for views of {}x{} pixels without a gradient of alpha",
+      fail(ErrorKind::usage,
+           "UBS_ARRAY_V_RGB is only available for views of {}x{} pixels without a gradient of alpha",
            r.v_rgb_shape.width, r.v_rgb_shape.height);
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
@@ -240,7 +242,7 @@ ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradi
     const std::lock_guard lock(r.open->mutex);
     if (!r.differentiated)
       fail(ErrorKind::usage,
-           "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+           "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");
     const CameraGradient found = r.session->renderer().camera_gradient();
     std::ranges::copy(found.turn, out.pose);
     std::ranges::copy(found.shift, out.pose + 3);
@@ -262,12 +264,15 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     ModelSession& session = *r.session;
     const std::vector<DeviceModel>& groups = session.model().groups();
     if (group >= groups.size())
-      fail(ErrorKind::usage, "there is no group {} of splats: the model has {}", group, groups.size());
+      fail(ErrorKind::usage, "group {} does not exist: the model has {} groups of splats", group,
+           groups.size());
     const DeviceModel& splats = groups[group];
     if (name == UBS_ARRAY_RGB && r.painted_over)
-      fail(ErrorKind::usage, "the gradient of alpha or depth has painted over the picture: draw it again");
+      fail(ErrorKind::usage,
+           "computing the gradient of alpha or depth has overwritten the image: render it again");
     if (!splats.view().params.memory->address().pointer)
-      fail(ErrorKind::usage, "{} gives no addresses of its memory: devices of CUDA and PoCL on CPUs do",
+      fail(ErrorKind::usage,
+           "{} does not provide addresses of its memory: only CUDA devices and PoCL on CPUs do",
            session.device().info().name);
     BufferView<float> found;
     switch (name) {
@@ -294,7 +299,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       case UBS_ARRAY_GRADIENT:
         if (!r.differentiated)
           fail(ErrorKind::usage,
-               "the renderer has no gradient of a view: ubs_renderer_vjp or _loss comes before");
+               "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");
         session.renderer().backward_from_records(gradient_buffers(r), false);
         found = gradient_buffers(r)[group];
         break;
@@ -303,7 +308,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     }
     if (!found.memory)
       fail(ErrorKind::usage,
-           "the renderer has no such array: it has drawn nothing, or was made without depth");
+           "the renderer does not have this array: nothing has been rendered yet, or it was created without "
+           "depth");
     session.device().finish();
     const DeviceAddress address = found.memory->address();
     out.values = static_cast<float*>(address.pointer);

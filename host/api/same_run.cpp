@@ -33,17 +33,17 @@ Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32
 
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device) {
   if (before.data_print != now.data_print)
-    fail(ErrorKind::data, "{}: cameras, names or images are not those that the run was started with ({})",
+    fail(ErrorKind::data, "{}: cameras, names or images differ from those that the run was started with ({})",
          now.data, before.data);
   if (before.device != now.device && !any_device)
     fail(ErrorKind::data,
-         "the run was started on '{}', this is '{}': its results would not be the same bits; choose that "
-         "device with --device, or go on all the same with --any-device",
+         "the run was started on '{}', but this device is '{}', so results would not be bit-identical: "
+         "select the original device with --device, or pass --any-device to continue here",
          before.device, now.device);
   if (before.build != now.build)
     warn(
-        "the run was started by another build of this program; its results may differ from an uninterrupted "
-        "run");
+        "the run was started by another build of this program: its results may differ from those of an "
+        "uninterrupted run");
 }
 
 int join_run(Communicator& ranks, Checkpoint& run) {
@@ -57,7 +57,7 @@ int join_run(Communicator& ranks, Checkpoint& run) {
     const std::vector<std::string> all = ranks.all_texts(own);
     for (std::size_t r = 1; r < all.size(); ++r)
       if (all[r] != all[0])
-        fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job need the same", r,
+        fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job must have the same", r,
              what);
   }
   std::vector<std::string> devices;  // in the order of ranks
@@ -67,8 +67,8 @@ int join_run(Communicator& ranks, Checkpoint& run) {
   run.device = fmt::format("{}", fmt::join(devices, " + "));
   if (kinds > 1)
     warn(
-        "the ranks have {} kinds of devices: results repeat with the same ones in this order, and are not "
-        "the bits of one kind",
+        "the ranks have {} kinds of devices: results are reproducible only with the same devices in the same "
+        "order, and differ from those of a single kind of device",
         kinds);
   return kinds;
 }

@@ -217,7 +217,7 @@ double weighted_quantile(std::vector<std::pair<double, double>> value_weight, do
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras, const FrameHints& hints) {
   std::vector<Splat> splats = weighted_splats(model);
   if (splats.empty() && cameras.empty())
-    fail(ErrorKind::data, "the model has no splats to look at, and there are no cameras of a data set");
+    fail(ErrorKind::data, "cannot place a camera: the model has no splats, and no data set was given");
   if (cameras.empty()) splats = bulk_of(splats);  // floaters do not even say what is up
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;

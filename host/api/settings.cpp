@@ -50,7 +50,7 @@ ubs_status ubs_settings_get(const ubs_settings* settings, const char* key, char*
       if (length) *length = text.size();
       return;
     }
-    fail(ErrorKind::usage, "settings: there is no '{}'", wanted);
+    fail(ErrorKind::usage, "settings: unknown key '{}'", wanted);
   });
 }
 

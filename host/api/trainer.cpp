@@ -58,8 +58,8 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
     const std::string wanted = field_text(now[i]), has = field_text(then[i]);
     if (counts && wanted != has)
       fail(ErrorKind::usage,
-           "{} = {}: the data have been opened with {}, and are read with that: choose it there", key, wanted,
-           has);
+           "{} = {} has no effect here, because the data were opened with {}: pass it when you open the data",
+           key, wanted, has);
   }
 }
 
@@ -69,9 +69,10 @@ SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Sp
   const LoadedModel& loaded = given_one->loaded;
   const SplatModel& model = loaded.model.single("training");
   if (loaded.offset != rest.offset)
-    fail(ErrorKind::usage, "the initial model has another offset from the world than the data");
+    fail(ErrorKind::usage, "the initial model and the data have different world offsets");
   for (const float value : model.values)
-    if (!std::isfinite(value)) fail(ErrorKind::usage, "the initial model holds values that are not finite");
+    if (!std::isfinite(value))
+      fail(ErrorKind::usage, "the initial model contains values that are not finite");
   check_initial(settings, model);  // before kernels are tried with the model
   return model;
 }
@@ -102,7 +103,7 @@ ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
 
 // The step function of a run may look at the trainer, not change it.
 void not_while_running(const ubs_trainer& t) {
-  if (t.running) fail(ErrorKind::usage, "the trainer runs: its step function may read it only");
+  if (t.running) fail(ErrorKind::usage, "the trainer is running: its step callback may only read it");
 }
 
 struct Running {
@@ -208,7 +209,7 @@ ubs_status ubs_trainer_save(const ubs_trainer* trainer, const char* path) {
     const std::lock_guard lock(t.open->mutex);
     if (!t.trainer->state_is_whole())
       fail(ErrorKind::usage,
-           "an error has left the trainer between two iterations: there is no state to keep");
+           "cannot save the state: an error has stopped the trainer in the middle of an iteration");
     Checkpoint checkpoint = t.identity;
     checkpoint.state = t.trainer->state();
     write_checkpoint(&given(path, "path"), checkpoint);
@@ -226,8 +227,8 @@ ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path) {
     const int room = t.trainer->drawn_settings().cap_max;
     if (checkpoint.state.model.count > static_cast<std::size_t>(room))
       fail(ErrorKind::usage,
-           "{}: {} splats, and the trainer has room for {}, the larger of cap_max and the splats of "
-           "`initial`: give it the initial model that the run began with",
+           "{}: the state has {} splats, but the trainer has room for {} (the larger of cap_max and the "
+           "splats of `initial`): create it with the initial model of the original run",
            path, checkpoint.state.model.count, room);
     t.trainer->restore(checkpoint.state);
   });

@@ -62,11 +62,11 @@ double median_pixels(const Split& train) {
 void note_cap(Dataset& data, const TrainSettings& settings) {
   const auto cap = static_cast<std::size_t>(settings.cap_max);
   if (data.points && data.points->positions.size() > cap) {
-    data.report.notes.push_back(fmt::format("{} of {} points taken, evenly spaced: cap_max is {}", cap,
-                                            data.points->positions.size(), cap));
+    data.report.notes.push_back(fmt::format("using {} of {} points, evenly spaced, because cap_max is {}",
+                                            cap, data.points->positions.size(), cap));
   } else if (!data.points && settings.init_points > settings.cap_max) {
-    data.report.note(
-        fmt::format("{} initial splats instead of {}: cap_max is {}", cap, settings.init_points, cap));
+    data.report.note(fmt::format("using {} initial splats instead of {}, because cap_max is {}", cap,
+                                 settings.init_points, cap));
   }
 }
 
@@ -123,9 +123,9 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
   if (!data.points) data.points.emplace();
   std::ranges::copy(found.points.positions, std::back_inserter(data.points->positions));
   std::ranges::copy(found.points.colours, std::back_inserter(data.points->colours));
-  data.report.notes.push_back(
-      fmt::format("points placed by comparing pictures: {} corners, {} pixels between (--init-points: none)",
-                  found.corners, found.points.positions.size() - found.corners));
+  data.report.notes.push_back(fmt::format(
+      "initial points found by comparing images: {} corners, {} pixels between them (--init-points: none)",
+      found.corners, found.points.positions.size() - found.corners));
 }
 
 bool still(const Split& train) {
@@ -138,24 +138,26 @@ void align(Dataset& data, Split& train) {
   require_images(train);
   const Alignment found = align_cameras(train.views);
   if (train.views.size() > kMaxAlignedViews)
-    data.report.note(fmt::format("{} cameras begin as given: at most {} are aligned by corners",
-                                 train.views.size(), kMaxAlignedViews));
+    data.report.note(
+        fmt::format("{} cameras are not aligned before training: at most {} can be aligned by corners",
+                    train.views.size(), kMaxAlignedViews));
   if (found.aligned == 0) return;
   for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
   data.report.notes.push_back(
-      fmt::format("{} of {} cameras moved to where {} points of their pictures are: {:.2f} pixels from their "
-                  "corners, {:.2f} before",
+      fmt::format("aligned {} of {} cameras with {} points found in their images: reprojection error {:.2f} "
+                  "pixels, {:.2f} before",
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
-  std::string where = data.depth_bounds.size() == train.views.size() ? "within the depths that the data state"
+  std::string where = data.depth_bounds.size() == train.views.size()
+                          ? "within the depth range given by the data"
                       : settings.init_extent != kAuto
                           ? fmt::format("within {} of the origin along each axis", settings.init_extent)
                           : space_for(train).text;
-  data.report.notes.push_back(
-      fmt::format("no points: splats begin at random places {} (--init-points, --init-extent)", where));
+  data.report.notes.push_back(fmt::format(
+      "the data has no points: splats start at random positions {} (--init-points, --init-extent)", where));
 }
 
 }  // namespace
@@ -197,8 +199,8 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   if (behind.learnt != Background::Learnt::no || !behind.harmonics.empty()) {
     if (const auto view = std::ranges::find(train.views, false, &View::opaque); view != train.views.end())
       fail(ErrorKind::data,
-           "{}: the picture may be transparent, and a sky or a learnt background needs opaque ones: choose "
-           "--background R,G,B",
+           "{}: the image may be transparent, but training a background or a sky requires opaque images: "
+           "choose --background R,G,B",
            view->name);
     if (behind.learnt != Background::Learnt::no) behind.colour = look_at(train).mean_colour;
   }
@@ -218,16 +220,18 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   check_query(train, settings.dim);
   if (has_time(settings.dim) && still(train))
     warn(
-        "all training views have the same time: N = {} learns nothing from it; for a static scene use --dim "
-        "{}",
+        "all training views have the same time, so N = {} cannot learn motion: use --dim {} for a static "
+        "scene",
         settings.dim, settings.dim >= 6 ? 6 : 3);
   if (scene_extent(train.views) < 1e-9)
     warn(
-        "all training cameras stand at one place: splats stay where they begin, as their steps are shares of "
-        "the distance between cameras");
+        "all training cameras have the same position, so the scene extent is 0 and splats will not move: "
+        "check the camera poses");
   if (!has_time(settings.dim) && !still(train))
-    warn("the training views have different times, and N = {} has none: what moves is blurred; --dim {}",
-         settings.dim, settings.dim == 3 ? 4 : 7);
+    warn(
+        "the training views have different times, but N = {} has no time dimension, so moving objects will "
+        "be blurred: use --dim {}",
+        settings.dim, settings.dim == 3 ? 4 : 7);
   if (!begins) return;
   if (still(train)) place_points(data, train, settings);
   note_cap(data, settings);
@@ -236,7 +240,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
 
 Split take_test(Dataset& data, const TrainSettings& settings) {
   if (!data.find("test")) {
-    warn("{} has no test split: no measurements, no renders", data.report.folder);
+    warn("{} has no test split: nothing is measured, and no renders are written", data.report.folder);
     return {"test", {}};
   }
   Split test = take_split(data, "test");
@@ -244,7 +248,7 @@ Split take_test(Dataset& data, const TrainSettings& settings) {
   const std::size_t all = test.views.size();
   std::erase_if(test.views, [](const View& view) { return !view.has_image(); });
   if (test.views.size() < all)
-    warn("{} of {} test views have no image and are left out", all - test.views.size(), all);
+    warn("{} of {} test views have no image and are not used", all - test.views.size(), all);
   return test;
 }
 

@@ -9,12 +9,14 @@ namespace ubs {
 namespace {
 
 [[noreturn]] void without_opencv() {
-  fail(ErrorKind::usage, "--video: this program was built without OpenCV; write pictures with --out");
+  fail(ErrorKind::usage, "--video is not available in this build without OpenCV: write images with --out");
 }
 
 }  // namespace
 
-std::vector<std::string> video_extensions() { return {"none, this program was built without OpenCV"}; }
+std::vector<std::string> video_extensions() {
+  return {"none, because this program was built without OpenCV"};
+}
 
 struct VideoWriter::Encoder {};
 VideoWriter::VideoWriter(std::filesystem::path, int width, int height, double)

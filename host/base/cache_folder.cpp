@@ -76,10 +76,9 @@ fs::path choose(const fs::path& wanted) {
   note(why);
   const fs::path other = temporary_cache();
   if (other.empty()) return other;
-  warn_once(
-      fmt::format("compiled kernels cannot be kept ({}); they are kept in {} instead; UBS_KERNEL_CACHE names "
-                  "another folder",
-                  why, other.string()));
+  warn_once(fmt::format(
+      "cannot store compiled kernels ({}): using {} instead (choose another folder with UBS_KERNEL_CACHE)",
+      why, other.string()));
   return other;
 }
 

@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 std::ifstream open_for_reading(const fs::path& path, std::size_t& size) {
   if (!path_exists(path)) fail(ErrorKind::data, "{}: no such file", path.string());
-  if (is_folder(path)) fail(ErrorKind::data, "{}: is a folder, expected a file", path.string());
+  if (is_folder(path)) fail(ErrorKind::data, "{}: this is a folder, but a file is expected", path.string());
   std::error_code error;
   const auto bytes = fs::file_size(path, error);
   if (error) fail(ErrorKind::data, "{}: cannot read: {}", path.string(), error.message());
@@ -112,7 +112,8 @@ void rename_or_fail(const fs::path& from, const fs::path& to) {
 void check_ordinary(const fs::path& path) {
   struct stat status {};
   if (::lstat(path.c_str(), &status) != 0 || S_ISREG(status.st_mode)) return;  // opening says what is wrong
-  fail(ErrorKind::data, "{}: is {}, so it is not replaced by a file: choose another name", path.string(),
+  fail(ErrorKind::data, "{}: this is {}, which ubs does not replace with a file: choose another name",
+       path.string(),
        S_ISDIR(status.st_mode)   ? "a folder"
        : S_ISLNK(status.st_mode) ? "a symbolic link"
                                  : "not an ordinary file");

@@ -49,7 +49,8 @@ FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(fold
   made_ = !path_exists(folder_);
   make_folders(folder_);
   if (!try_once())
-    fail(ErrorKind::usage, "{}: {} is writing there; wait for its end or choose another folder",
+    fail(ErrorKind::usage,
+         "{}: {} is writing to this folder: wait until it has finished, or choose another folder",
          folder_.string(), holder_in(path_));
 }
 
@@ -61,8 +62,8 @@ bool FolderLock::try_once() {
   }, named{};
   const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
   if (!held && is_unsupported(errno)) {
-    warn_once(
-        fmt::format("{}: this file system has no locks: do not start two runs there", folder_.string()));
+    warn_once(fmt::format("{}: this file system does not support locks: do not start two runs in this folder",
+                          folder_.string()));
   } else if (!held || ::fstat(file, &opened) != 0 || ::lstat(path_.c_str(), &named) != 0 ||
              opened.st_ino != named.st_ino || opened.st_dev != named.st_dev) {
     ::close(file);

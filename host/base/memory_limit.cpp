@@ -117,8 +117,8 @@ void check_driver_fits() {
   const MemoryRoom room = room_of(kProcessLimits[0]);
   if (room.left < kDriverLibraries)
     fail(ErrorKind::memory,
-         "an OpenCL driver takes about {} MiB of address space, and of {} MiB ({}) {} are left: raise the "
-         "limit",
+         "an OpenCL driver needs about {} MiB of address space, but of {} MiB ({}) only {} are left: raise "
+         "the limit",
          kDriverLibraries / kMebibyte, room.limit / kMebibyte, room.name, room.left / kMebibyte);
 }
 

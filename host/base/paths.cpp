@@ -65,7 +65,8 @@ std::vector<fs::path> folder_entries(const fs::path& folder) {
 
 void make_folders(const fs::path& folder) {
   if (is_folder(folder)) return;
-  if (path_exists(folder)) fail(ErrorKind::data, "{}: is a file, not a folder", folder.string());
+  if (path_exists(folder))
+    fail(ErrorKind::data, "{}: this is a file, but a folder is expected", folder.string());
   const fs::path above = folder_of(folder);
   if (above != folder) make_folders(above);
   std::error_code error;

@@ -20,8 +20,8 @@ void Worst::add(const std::string& quantity, double error, double bound) {
 }
 
 std::string text(const Finding& f) {
-  return fmt::format("{}: {} has an error of {:.2e}, at most {:.2e} is right", f.stage, f.quantity, f.error,
-                     f.bound);
+  return fmt::format("{}: {} has an error of {:.2e}, but at most {:.2e} is allowed", f.stage, f.quantity,
+                     f.error, f.bound);
 }
 
 }  // namespace ubs::check

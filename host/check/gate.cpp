@@ -34,8 +34,8 @@ void prove(const DeviceInfo& info, std::size_t index, const Subject& subject, co
   }
   if (!verdict->right)
     fail(ErrorKind::faulty,
-         "{} computes wrong results for {}: {}; use another device or driver ('ubs devices --check' checks "
-         "again, UBS_CHECK=off uses it all the same)",
+         "{} computes wrong results for {}: {}: use another device or driver ('ubs devices --check' checks "
+         "again, UBS_CHECK=off uses the device anyway)",
          describe(info), verdict->form, verdict->problem);
 }
 

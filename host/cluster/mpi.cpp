@@ -144,11 +144,10 @@ class MpiRanks final : public Communicator {
       if (done) return requests.clear();
       const double waited = watch.seconds();
       if (waited > limits_.patience)
-        fail(
-            ErrorKind::device,
-            "no answer from the other ranks for {:.0f} s: one has died or is stuck (UBS_RANK_PATIENCE); `ubs "
-            "train --resume` goes on from the last checkpoint",
-            waited);
+        fail(ErrorKind::device,
+             "no answer from the other ranks for {:.0f} s: one of them has crashed or hangs "
+             "(UBS_RANK_PATIENCE); resume from the last checkpoint with 'ubs train --resume'",
+             waited);
       if (waited > kBusy)
         std::this_thread::sleep_for(std::chrono::duration<double>(std::clamp(waited / 64, 20e-6, 1e-3)));
     }

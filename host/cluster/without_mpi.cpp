@@ -9,8 +9,8 @@ namespace ubs {
 std::unique_ptr<Communicator> join_job(JobLimits) {
   if (launched_ranks() != 1)
     fail(ErrorKind::usage,
-         "started as one of several ranks, but this build has no MPI: build with UBS_MPI=ON "
-         "(docs/cluster.md), or leave out mpirun");
+         "started as one of several MPI processes, but this build has no MPI: build with UBS_MPI=ON "
+         "(docs/cluster.md), or start it without mpirun");
   return nullptr;
 }
 

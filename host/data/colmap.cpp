@@ -150,7 +150,7 @@ ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, s
     fail(ErrorKind::data, "{}: model {} has {} parameters, found {}", where, model, letters.size(),
          parameters.size());
   if (width < 1 || height < 1 || width > 65535 || height > 65535)
-    fail(ErrorKind::data, "{}: absurd image size {}x{}", where, width, height);
+    fail(ErrorKind::data, "{}: the image size {}x{} is not possible", where, width, height);
   ColmapCamera camera{model, {}};
   camera.lens.model = row.lens;
   camera.lens.width = static_cast<int>(width);

@@ -7,7 +7,7 @@ namespace ubs {
 
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config) {
   if (config.dim < 3 || config.dim > 11)
-    fail(ErrorKind::usage, "splats have 3 to 11 dimensions, not {}", config.dim);
+    fail(ErrorKind::usage, "splats can have 3 to 11 dimensions, not {}", config.dim);
   check_variant(config.dim, config.variant);
   return device.make_stages(config);
 }
@@ -16,11 +16,11 @@ std::unique_ptr<MetricOps> make_metric_ops(Device& device) { return device.make_
 
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info) {
   if (choice == "cpu" && info.backend == "cuda")
-    fail(ErrorKind::usage, "raster = cpu: {} has the kernels of GPUs only; use auto or gpu", info.name);
+    fail(ErrorKind::usage, "raster = cpu: {} supports only the kernels for GPUs: use auto or gpu", info.name);
   if (choice == "cpu") return RasterKind::cpu;
   if (choice == "gpu") return RasterKind::gpu;
   if (choice == "auto") return info.float_vector_width > 1 ? RasterKind::cpu : RasterKind::gpu;
-  fail(ErrorKind::usage, "raster is cpu, gpu or auto, not '{}'", choice);
+  fail(ErrorKind::usage, "raster = '{}': expected cpu, gpu or auto", choice);
 }
 
 }  // namespace ubs

@@ -102,7 +102,8 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
                                            const std::string& request) {
   // Without a folder that it can write to PoCL reports no device.
   if (const std::string why = cache_defects(); devices.empty() && !why.empty())
-    fail(ErrorKind::data, "no folder to keep compiled kernels in ({}); UBS_KERNEL_CACHE names another", why);
+    fail(ErrorKind::data, "no folder for compiled kernels ({}): set UBS_KERNEL_CACHE to a writable folder",
+         why);
   if (devices.empty())
     fail(ErrorKind::device,
          "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd, "
@@ -115,7 +116,7 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
     return all;
   }
   if (const auto found = find_device(devices, lower(wanted))) return {*found};
-  fail(ErrorKind::device, "{} '{}' matches no device; there are: {}",
+  fail(ErrorKind::device, "{} '{}' matches no device; available: {}",
        request.empty() ? "UBS_DEVICE" : "--device", wanted, list_text(devices));
 }
 

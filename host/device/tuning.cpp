@@ -37,7 +37,7 @@ std::string defect(const Json& json, const DeviceInfo& device) {
   if (json.value("format", Json()) != Json(kFormat)) return "its format is another";
   const Json expected = identity(device);
   for (const auto& [key, value] : expected.items())
-    if (json.value(key, Json()) != value) return fmt::format("it belongs to another {}", key);
+    if (json.value(key, Json()) != value) return fmt::format("it was written for another {}", key);
   if (!json.contains("values") || !json["values"].is_object()) return "it has no values";
   return "";
 }
@@ -45,7 +45,7 @@ std::string defect(const Json& json, const DeviceInfo& device) {
 // Why a value cannot be used; empty: it can.
 std::string defect(TunedTable table, const std::string& macro, const Json& value) {
   const TunedConstant* constant = find_constant(table, macro);
-  if (!constant) return "there is no such constant";
+  if (!constant) return "this constant does not exist";
   if (value.is_number_unsigned() &&
       (value == constant->standard ||
        std::ranges::count(constant->candidates, value.get<std::uint64_t>()) > 0))
@@ -62,7 +62,7 @@ unsigned tuned_value(const TuningValues& values, std::string_view macro, unsigne
 
 unsigned tuned_value(TunedTable table, const TuningValues& values, std::string_view macro) {
   const TunedConstant* constant = find_constant(table, macro);
-  if (!constant) fail(ErrorKind::internal, "'{}' is no tuned constant", macro);
+  if (!constant) fail(ErrorKind::internal, "'{}' is not a tuned constant", macro);
   return tuned_value(values, macro, constant->standard);
 }
 
@@ -87,7 +87,8 @@ TuningValues stored_tuning(const DeviceInfo& device, TunedTable table) {
     return values;
   }
   if (const std::string why = defect(json, device); !why.empty()) {
-    warn_once(fmt::format("{}: tuning file ignored, {}; 'ubs-lab tune' makes a new one", file.string(), why));
+    warn_once(
+        fmt::format("{}: tuning file ignored: {} ('ubs-lab tune' writes a new one)", file.string(), why));
     return values;
   }
   for (const auto& [macro, value] : json["values"].items()) {

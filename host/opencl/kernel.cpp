@@ -14,7 +14,7 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
   cl_int code = CL_SUCCESS;
   kernel_.reset(clCreateKernel(program, name_.c_str(), &code));
   if (code != CL_SUCCESS)
-    fail(ErrorKind::internal, "no kernel '{}' in its program ({})", name_, error_name(code));
+    fail(ErrorKind::internal, "kernel '{}' is missing in its program ({})", name_, error_name(code));
   check(clGetKernelInfo(kernel_.get(), CL_KERNEL_NUM_ARGS, sizeof argument_count_, &argument_count_, nullptr),
         "clGetKernelInfo");
   check_local_memory();
@@ -43,7 +43,7 @@ cl_mem Kernel::memory_of(Memory* memory) {
 }
 
 void Kernel::check_count(std::size_t given) const {
-  if (!kernel_) fail(ErrorKind::internal, "launch of a kernel that was never created");
+  if (!kernel_) fail(ErrorKind::internal, "launch of a kernel that was not created");
   if (given != argument_count_)
     fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} given", name_, argument_count_, given);
 }

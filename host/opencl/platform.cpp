@@ -125,7 +125,7 @@ void add_if_sound(const std::string& what, const Add& add) {
   try {
     add();
   } catch (const std::exception& fault) {
-    warn_once(fmt::format("{} is left out: {}", what, fault.what()));
+    warn_once(fmt::format("{} is not used: {}", what, fault.what()));
   }
 }
 
@@ -193,7 +193,7 @@ std::vector<DeviceInfo> list_devices() {
 
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width) {
   std::vector<Entry> all = entries();
-  if (index >= all.size()) fail(ErrorKind::device, "there is no OpenCL device {}", index);
+  if (index >= all.size()) fail(ErrorKind::device, "OpenCL device {} does not exist", index);
   DeviceInfo& info = all[index].info;
   if (float_vector_width != 0) info.float_vector_width = float_vector_width;
   if (const GroupLimits limits = group_limits(all[index].device);

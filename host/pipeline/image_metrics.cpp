@@ -12,11 +12,12 @@ namespace fs = std::filesystem;
 
 fs::path lpips_weight_file(const fs::path& weights, const std::string& network) {
   if (weights.empty())
-    fail(ErrorKind::usage, "LPIPS needs weights: --lpips-weights or UBS_LPIPS_WEIGHTS (docs/metrics.md)");
+    fail(ErrorKind::usage,
+         "LPIPS requires weights: pass --lpips-weights or set UBS_LPIPS_WEIGHTS (docs/metrics.md)");
   if (!is_folder(weights)) return weights;
   const fs::path file = weights / fmt::format("lpips_{}.safetensors", network);
   if (!path_exists(file))
-    fail(ErrorKind::data, "{}: no such file; tools/export_lpips_weights.py {} makes it", file.string(),
+    fail(ErrorKind::data, "{}: no such file: create it with tools/export_lpips_weights.py {}", file.string(),
          network);
   return file;
 }

@@ -79,7 +79,7 @@ Lpips::Stage Lpips::load_stage(const TensorFile& file, const Layer& layer, int c
 void Lpips::check_size(PlanarSize size) const {
   const int least = smallest_side(*network_);
   if (size.width < least || size.height < least)
-    fail(ErrorKind::data, "LPIPS with '{}' needs images of at least {} x {} pixels, this one has {} x {}",
+    fail(ErrorKind::data, "LPIPS with '{}' needs images of at least {} x {} pixels, but this one has {} x {}",
          network_->name, least, least, size.width, size.height);
 }
 
@@ -276,7 +276,9 @@ double Lpips::distance(const DeviceImage& a, const DeviceImage& b, LpipsRange ra
     distance += static_cast<double>(sums[i]) / pixels[i / static_cast<std::size_t>(kPartialSums)];
   if (!std::isfinite(distance))
     fail(ErrorKind::numerical,
-         "LPIPS with '{}' is not finite: neither are the images, or the weights do not fit", network_->name);
+         "LPIPS with '{}' is not finite: the images contain values that are not finite, or the weights are "
+         "wrong",
+         network_->name);
   return distance;
 }
 

@@ -55,7 +55,7 @@ const std::vector<Network>& lpips_networks() {
 const Network& lpips_network(std::string_view name) {
   const auto found = std::ranges::find(lpips_networks(), name, &Network::name);
   if (found == lpips_networks().end())
-    fail(ErrorKind::usage, "LPIPS network '{}': it is alex, squeeze or vgg", name);
+    fail(ErrorKind::usage, "unknown LPIPS network '{}': expected alex, squeeze or vgg", name);
   return *found;
 }
 

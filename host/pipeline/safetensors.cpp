@@ -50,7 +50,8 @@ class HeaderReader {
         !entry.contains("data_offsets"))
       refuse(name, "needs dtype, shape and data_offsets");
     if (entry["dtype"] != "F32")
-      refuse(name, "is of type {}, only F32 is read; export it again with tools/export_lpips_weights.py",
+      refuse(name,
+             "has the type {}, but only F32 is supported: export it again with tools/export_lpips_weights.py",
              entry["dtype"].is_string() ? entry["dtype"].get<std::string>() : "?");
     Tensor result;
     const std::size_t count = read_shape(name, entry["shape"], result.shape);
@@ -60,7 +61,7 @@ class HeaderReader {
     result.values.resize(count);
     if (count > 0) std::memcpy(result.values.data(), values_.data() + range.begin, count * sizeof(float));
     if (!std::ranges::all_of(result.values, [](float v) { return std::isfinite(v); }))
-      refuse(name, "has values that are not finite");
+      refuse(name, "contains values that are not finite");
     ranges_.push_back(range);
     return result;
   }
@@ -72,7 +73,7 @@ class HeaderReader {
     for (const Json& extent : json) {
       const auto size = size_of(extent);
       if (!size || (*size > 0 && count > most / *size))
-        refuse(name, "shape {} does not fit the file", json.dump());
+        refuse(name, "shape {} does not match the size of the file", json.dump());
       shape.push_back(*size);
       count *= *size;
     }
@@ -109,7 +110,7 @@ class HeaderReader {
 
 const Tensor& TensorFile::at(const std::string& name) const {
   const auto found = tensors.find(name);
-  if (found == tensors.end()) fail(ErrorKind::data, "{}: there is no tensor '{}'", path.string(), name);
+  if (found == tensors.end()) fail(ErrorKind::data, "{}: tensor '{}' is missing", path.string(), name);
   return found->second;
 }
 
@@ -119,8 +120,9 @@ TensorFile read_safetensors(const std::filesystem::path& path) {
   ByteReader reader(bytes, file);
   const auto length = reader.read<std::uint64_t>();
   if (length > reader.remaining())
-    fail(ErrorKind::data, "{}: a header of {} bytes is promised, {} follow; not a safetensors file?", file,
-         length, reader.remaining());
+    fail(ErrorKind::data,
+         "{}: the header should have {} bytes, but only {} follow: is this a safetensors file?", file, length,
+         reader.remaining());
   const auto text = reader.take(static_cast<std::size_t>(length));
   const auto header = parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, file);
   return {path, HeaderReader(file, reader.take(reader.remaining())).read(header)};

@@ -74,7 +74,7 @@ void check_camera(const Camera& camera, const std::string& where) {
   for (const double c : {camera.cx, camera.cy}) check("the principal point", c);
   if (std::min(camera.width, camera.height) < 1 || std::max(camera.width, camera.height) > kMaxPixelsAcross ||
       std::int64_t{camera.width} * camera.height > kMaxPixels)
-    fail(ErrorKind::data, "{}: absurd image size {}x{}", where, camera.width, camera.height);
+    fail(ErrorKind::data, "{}: the image size {}x{} is not possible", where, camera.width, camera.height);
   check("the time", camera.time);
   for (const double q : camera.extra) check("a query value", q);
 }

@@ -28,7 +28,7 @@ int camera_size(const Json& json, const char* name) {
                         ? value.get<std::uint64_t>() <= kMaxPixelsAcross
                         : value.is_number_integer() && value.get<std::int64_t>() >= 0 &&
                               value.get<std::int64_t>() <= kMaxPixelsAcross;
-  if (!fits) fail(ErrorKind::data, "camera: {} must be a whole number up to {}", name, kMaxPixelsAcross);
+  if (!fits) fail(ErrorKind::data, "camera: {} must be an integer of at most {}", name, kMaxPixelsAcross);
   return value.get<int>();
 }
 

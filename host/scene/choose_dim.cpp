@@ -60,7 +60,8 @@ std::size_t values_that_differ(std::span<const View> views) {
 }  // namespace
 
 DimChoice choose_dim(std::span<const View> train) {
-  if (train.empty()) fail(ErrorKind::data, "--dim auto: the training split has no views to look at");
+  if (train.empty())
+    fail(ErrorKind::data, "--dim auto requires training views, but the training split has none");
   const std::size_t values = values_that_differ(train);
   const double spread = direction_spread(train);
   bool direction = spread > kSameDegrees;
@@ -74,13 +75,13 @@ DimChoice choose_dim(std::span<const View> train) {
     why += ", a single view";
   else if (direction)
     why += spread < 180 ? fmt::format(", seen from directions up to {:.0f} degrees apart", spread)
-                        : ", seen from different places";
+                        : ", seen from different positions";
   else
     why += fmt::format(", seen from one direction (within {:.1g} degrees)", kSameDegrees);
   // Without direction N = 6 would mean three values (kernels/layout.h).
   if (!direction && values > 2) {
     direction = true;
-    why += "; a direction all the same, which so many query values need";
+    why += "; the direction is included, because this many query values require it";
   }
   return {3 + (direction ? 3 : 0) + static_cast<int>(values), why};
 }

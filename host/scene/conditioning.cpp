@@ -210,9 +210,9 @@ void note_opacity(Reconditioned& out, double change) {
 }  // namespace
 
 Reconditioned to_direct(const SplatModel& model) {
-  if (model.variant.direct()) fail(ErrorKind::usage, "the model is in the direct form already");
+  if (model.variant.direct()) fail(ErrorKind::usage, "the model already has direct conditioning");
   if (model.variant.cov_param == CovParam::skew_nd)
-    fail(ErrorKind::usage, "a model with cov_param = skew_nd has no way to the direct form");
+    fail(ErrorKind::usage, "a model with cov_param = skew_nd cannot be converted to direct conditioning");
   ModelVariant variant = model.variant;
   variant.conditioning = Conditioning::direct;
   Reconditioned out{like(model, variant)};
@@ -244,7 +244,7 @@ Reconditioned to_direct(const SplatModel& model) {
 }
 
 Reconditioned to_covariance(const SplatModel& model) {
-  if (!model.variant.direct()) fail(ErrorKind::usage, "the model is not in the direct form");
+  if (!model.variant.direct()) fail(ErrorKind::usage, "the model does not have direct conditioning");
   ModelVariant variant = model.variant;
   variant.conditioning = Conditioning::covariance;
   Reconditioned out{like(model, variant)};
@@ -274,8 +274,7 @@ Reconditioned to_covariance(const SplatModel& model) {
     note_opacity(out, opacity_change(s, lower_factor(query, UBS_PIVOT_ABSOLUTE, raised), l));
   }
   if (none > 0)
-    fail(ErrorKind::data,
-         "{} of {} splats of the direct form have no covariance of all dimensions that draws them", none,
+    fail(ErrorKind::data, "{} of {} splats cannot be represented by a covariance of all dimensions", none,
          model.count);
   return out;
 }

@@ -40,13 +40,13 @@ std::uint32_t frozen_groups(const ParameterLayout& layout, const std::string& na
       found |= g.name == name;
     }
     if (!found)
-      fail(ErrorKind::usage, "freeze = '{}': '{}' is no parameter group of this model ({})", names, name,
+      fail(ErrorKind::usage, "freeze = '{}': '{}' is not a parameter group of this model ({})", names, name,
            known);
     if (frozen & bit_of(name)) fail(ErrorKind::usage, "freeze = '{}': '{}' is given twice", names, name);
     frozen |= bit_of(name);
   }
   if (trained_rows(layout, frozen) == 0)
-    fail(ErrorKind::usage, "freeze = '{}': nothing is left to learn", names);
+    fail(ErrorKind::usage, "freeze = '{}': no parameter would be trained", names);
   return frozen;
 }
 

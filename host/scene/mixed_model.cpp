@@ -26,7 +26,8 @@ std::size_t MixedModel::parameters() const {
 
 const SplatModel& MixedModel::single(std::string_view what) const {
   if (mixed())
-    fail(ErrorKind::usage, "{}: the model has splats of several dimensions ({}), only one is possible here",
+    fail(ErrorKind::usage,
+         "{}: the model contains splats of different dimensions ({}), but this command supports only one",
          what, to_string(*this));
   return groups.front();
 }

@@ -77,9 +77,10 @@ void set_switch(ModelVariant& variant, std::string_view key, std::string_view va
         variant = variant_from_numbers(numbers);
         return;
       }
-    fail(ErrorKind::data, "{}: '{}' is no value of {}: {}", origin, value, key, kVariantSwitches[i].values);
+    fail(ErrorKind::data, "{}: '{}' is not a value of {}: expected {}", origin, value, key,
+         kVariantSwitches[i].values);
   }
-  fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}); a newer version may have written this", origin,
+  fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}): the file may come from a newer version", origin,
        key, known_keys());
 }
 
@@ -87,10 +88,11 @@ void check_variant(int dim, const ModelVariant& v) {
   if (v.rot_mode == RotMode::quaternion && dim != 3)
     fail(ErrorKind::usage, "rot_mode = quaternion needs dim = 3, not {}", dim);
   if (v.rot_mode != RotMode::taylor1 && v.cov_param != CovParam::spatial_ortho)
-    fail(ErrorKind::usage, "rot_mode has a meaning with cov_param = spatial_ortho only; {}", to_string(v));
+    fail(ErrorKind::usage, "rot_mode only applies to cov_param = spatial_ortho; {}", to_string(v));
   if (v.direct() && (v.cov_param == CovParam::skew_nd || v.cov_mode != CovMode::upper))
     fail(ErrorKind::usage,
-         "conditioning = direct has no covariance of all dimensions: no cov_param = skew_nd, no cov_mode; {}",
+         "conditioning = direct has no covariance of all dimensions, so it does not support cov_param = "
+         "skew_nd or cov_mode; {}",
          to_string(v));
 }
 

@@ -208,7 +208,7 @@ void check_freeze(const TrainSettings& s) {
   for (const char* group : {"xyz", "opacity"})
     if (is_frozen(frozen, group) && !s.refine.empty())
       fail(ErrorKind::usage,
-           "freeze = '{}': relocation and growth change {}; switch them off with refine = 0:0:1", s.freeze,
+           "freeze = '{}': relocation and growth would change {}: disable them with refine = 0:0:1", s.freeze,
            group);
 }
 
@@ -230,7 +230,7 @@ void validate(const TrainSettings& s) {
     fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
   const bool sky = s.background.learnt == Background::Learnt::sky || !s.background.harmonics.empty();
   if (sky && s.refine_cameras != RefineCameras::none)
-    fail(ErrorKind::usage, "refine_cameras does not know the gradient of a sky: choose background = learn");
+    fail(ErrorKind::usage, "refine_cameras does not support background = sky: choose background = learn");
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);
@@ -277,8 +277,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
     if (!take_number(at, end, ':', point.iteration) || !take_number(at, end, ',', point.share) ||
         point.iteration <= before.iteration || !(point.share > before.share) || !(point.share <= 1))
       fail(ErrorKind::usage,
-           "work_shares must be rising iterations, each with the rising share of the work that is done after "
-           "it, such as 90:0.05,200:0.1; or empty. It goes wrong behind '{}:{}'",
+           "work_shares must be empty, or rising iterations, each with the rising share of the work that is "
+           "done after it, such as 90:0.05,200:0.1; the first wrong entry follows '{}:{}'",
            before.iteration, before.share);
     points.push_back(point);
   }
@@ -286,8 +286,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
   const SharePoint last = points.back();
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
-         "work_shares belongs to a number of iterations: with a share of {} after iteration {} it is not of "
-         "a run of {}; give both, or neither",
+         "work_shares belongs to a number of iterations: a share of {} after iteration {} does not fit a run "
+         "of {}: pass both, or neither",
          last.share, last.iteration, s.iterations);
   return points;
 }
@@ -309,8 +309,8 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
     if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
         step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
       fail(ErrorKind::usage,
-           "pyramid = '{}' must be falling factors from {} to 2, each with the share of the iterations where "
-           "it ends, such as 4:0.2,2:0.5; or empty",
+           "pyramid = '{}' must be empty, or falling factors from {} to 2, each with the share of the "
+           "iterations at which it ends, such as 4:0.2,2:0.5",
            s.pyramid, kMaxPyramidFactor);
     steps.push_back(step);
   }

@@ -141,7 +141,7 @@ std::vector<double> CameraRefiner::state() const {
 
 void CameraRefiner::set_state(std::span<const double> state) {
   if (state.size() != cameras_.size() * kCameraNumbers)
-    fail(ErrorKind::data, "the state has {} numbers of refined cameras, {} views need {}", state.size(),
+    fail(ErrorKind::data, "the state has {} numbers of refined cameras, but {} views need {}", state.size(),
          cameras_.size(), cameras_.size() * kCameraNumbers);
   const double* from = state.data();
   for (std::size_t i = 0; i < cameras_.size(); ++i) {

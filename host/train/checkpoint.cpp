@@ -23,7 +23,7 @@ namespace {
 constexpr std::string_view kCheckpointMagic = "UBSCKPT\n";
 constexpr std::uint32_t kCheckpointVersion = 2;
 constexpr std::size_t kFixedBytes = 16;  // magic, version, header bytes
-static_assert(std::endian::native == std::endian::little, "checkpoints are written as they are in memory");
+static_assert(std::endian::native == std::endian::little, "checkpoints require a little-endian machine");
 
 Json settings_json(TrainSettings settings) {
   Json json = Json::object();
@@ -111,8 +111,8 @@ class Reader {
   template <typename T>
   void numbers(std::vector<T>& to, std::uint64_t count) {
     if (count > rest_.size() / sizeof(T))
-      fail(ErrorKind::data, "{}: truncated checkpoint: {} numbers wanted, {} bytes left", name_, count,
-           rest_.size());
+      fail(ErrorKind::data, "{}: truncated checkpoint: expected {} numbers, but only {} bytes are left",
+           name_, count, rest_.size());
     to.resize(count);
     const auto piece = bytes(count * sizeof(T));
     if (count > 0) std::memcpy(to.data(), piece.data(), piece.size());
@@ -130,7 +130,7 @@ void read_settings(const Json& json, TrainSettings& settings, const std::string&
     for (const auto& [key, value] : json.items()) set_field(fields, key, value.get<std::string>(), name);
     validate(settings);
   } catch (const Error& error) {
-    fail(ErrorKind::data, "{} (the checkpoint is of another version of this program)", error.what());
+    fail(ErrorKind::data, "{} (the checkpoint was written by another version of this program)", error.what());
   }
 }
 
@@ -140,7 +140,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   const auto& numbers = h.at("variant");
   std::array<int, kVariantSwitches.size()> variant{};
   if (numbers.size() != variant.size())
-    fail(ErrorKind::data, "{}: the checkpoint knows {} switches of the method, this program {}", name,
+    fail(ErrorKind::data, "{}: the checkpoint has {} switches of the method, but this program has {}", name,
          numbers.size(), variant.size());
   for (std::size_t i = 0; i < variant.size(); ++i) variant[i] = numbers[i].get<int>();
   s.model.variant = variant_from_numbers(variant);
@@ -171,7 +171,7 @@ void check_sizes(const Checkpoint& c, const Sizes& sizes, const std::string& nam
                     s.logged <= s.iteration && s.iteration <= c.settings.iterations &&
                     sizes.values == static_cast<std::uint64_t>(s.model.layout().count) * s.model.count &&
                     sizes.moments % s.model.count == 0 && sizes.moments <= sizes.values;
-  if (!fits) fail(ErrorKind::data, "{}: the numbers in the checkpoint's header contradict each other", name);
+  if (!fits) fail(ErrorKind::data, "{}: the numbers in the header of the checkpoint are inconsistent", name);
 }
 
 std::uint32_t add_to(std::uint32_t crc, const auto& value) {
@@ -343,12 +343,12 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   const std::vector<std::byte> content = read_file(path);
   if (content.size() < kFixedBytes ||
       std::memcmp(content.data(), kCheckpointMagic.data(), kCheckpointMagic.size()) != 0)
-    fail(ErrorKind::data, "{}: is no checkpoint of ubs train", name);
+    fail(ErrorKind::data, "{}: not a checkpoint of 'ubs train'", name);
   Reader reader(content, name);
   reader.bytes(kCheckpointMagic.size());
   if (const std::uint32_t version = reader.word(); version != kCheckpointVersion)
-    fail(ErrorKind::data, "{}: checkpoint of version {}; this program reads version {}", name, version,
-         kCheckpointVersion);
+    fail(ErrorKind::data, "{}: the checkpoint has version {}, but this program reads version {}", name,
+         version, kCheckpointVersion);
   Checkpoint checkpoint;
   Sizes sizes{};
   const std::span<const std::byte> header = reader.bytes(reader.word());
@@ -357,7 +357,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
   try {
     sizes = read_header(json, checkpoint, name);
   } catch (const nlohmann::json::exception&) {
-    fail(ErrorKind::data, "{}: damaged checkpoint: its header is not one of ours", name);
+    fail(ErrorKind::data, "{}: damaged checkpoint: invalid header", name);
   }
   check_sizes(checkpoint, sizes, name);
   TrainState& s = checkpoint.state;
@@ -373,7 +373,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path) {
     fail(ErrorKind::data, "{}: damaged checkpoint: the CRC-32 does not match", name);
   if (reader.left() > 0)
     fail(ErrorKind::data, "{}: damaged checkpoint: {} bytes too many", name, reader.left());
-  if (!is_finite(s)) fail(ErrorKind::data, "{}: the checkpoint holds values that are not finite", name);
+  if (!is_finite(s)) fail(ErrorKind::data, "{}: the checkpoint contains values that are not finite", name);
   return checkpoint;
 }
 
@@ -400,11 +400,13 @@ void check_same_settings(const TrainSettings& stored, const TrainSettings& wante
     if (old_text == new_text || (before[i].uses & kFreeOnResume)) continue;
     if (std::string_view(before[i].key) == "iterations")
       fail(ErrorKind::usage,
-           "iterations = {} cannot continue a run of iterations = {}: the schedule scales with it, so its "
-           "start would have been another one; start a new run",
+           "cannot resume with iterations = {}: the run was started with iterations = {}, and its schedule "
+           "depends on that number: start a new run",
            new_text, old_text);
-    fail(ErrorKind::usage, "{} = {} cannot continue a run with {} = {}: leave it out, or start a new run",
-         before[i].key, new_text, before[i].key, old_text);
+    fail(
+        ErrorKind::usage,
+        "cannot resume with {} = {}: the run was started with {} = {}: remove the option, or start a new run",
+        before[i].key, new_text, before[i].key, old_text);
   }
 }
 

@@ -48,7 +48,7 @@ void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer
     truth[i] = static_cast<float>(bytes[i]) / 255.0f;
   }
   view.ssim_valid = masked_valid_ssim(image, truth, mask, size);
-  Buffer<float> filled(device, "image without masked pixels", 3 * shape.plane());
+  Buffer<float> filled(device, "image with a mask that covers all pixels", 3 * shape.plane());
   filled.upload(padded(fill_masked(image, truth, mask), shape));
   view.lpips =
       more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
@@ -207,7 +207,8 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
     const std::span<const float, 8> row(values.data() + 8 * i, 8);
     for (const float value : row.first<5>())
       if (!std::isfinite(value))
-        fail(ErrorKind::numerical, "the render of view '{}' is not finite; look at the model with 'ubs info'",
+        fail(ErrorKind::numerical,
+             "the render of view '{}' contains values that are not finite: check the model with 'ubs info'",
              views[i].name);
     ViewMetrics view = view_metrics(views[i].name, row);
     view.ssim_valid = metrics.views[i].ssim_valid;

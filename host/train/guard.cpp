@@ -23,7 +23,8 @@ float dead_value(const ParameterLayout& layout, int row, float present) {
 }
 
 std::string summary(const NonFiniteEvent& event, const TrainingViews& views) {
-  std::string text = fmt::format("not finite at iteration {}, stage {}", event.iteration, event.source.stage);
+  std::string text = fmt::format("values that are not finite at iteration {}, stage {}", event.iteration,
+                                 event.source.stage);
   if (const std::int64_t view = event.source.view; view >= 0)
     text += fmt::format(", view '{}'", views.train().views[static_cast<std::size_t>(view)].name);
   if (!event.splats.empty()) text += fmt::format(", splat {}", event.splats.front());
@@ -105,7 +106,7 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
   const std::uint64_t first = views.first_draw(event.iteration), end = first + views.batch();
   if (on_nan_ == OnNan::rollback) {
     if (s.rollbacks >= kMaxRollbacks) stop(fmt::format("stopped after {} rollbacks", s.rollbacks));
-    go_on(fmt::format("back to iteration {}, this view left out when its turn comes", good_->iteration));
+    go_on(fmt::format("going back to iteration {}; this view will be skipped", good_->iteration));
     TrainState next = *good_;
     next.seconds = s.seconds;  // they were spent
     next.rollbacks = s.rollbacks + 1;

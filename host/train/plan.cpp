@@ -232,7 +232,7 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
   else {
     try {
       if (plan.end.splats > kMaxCopied)
-        fail(ErrorKind::memory, "more than {} are not copied for a plan", kMaxCopied);
+        fail(ErrorKind::memory, "the plan copies at most {} splats", kMaxCopied);
       measure_end(trainer, measuring, train, initial, views, counts, plan);
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory) throw;

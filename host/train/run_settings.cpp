@@ -67,9 +67,10 @@ InitOptions init_options(const TrainSettings& settings) {
 
 void check_initial(const TrainSettings& settings, const SplatModel& initial) {
   if (initial.dim != settings.dim)
-    fail(ErrorKind::usage, "the initial model has {} dimensions, the settings {}", initial.dim, settings.dim);
+    fail(ErrorKind::usage, "the initial model has {} dimensions, but the settings have {}", initial.dim,
+         settings.dim);
   if (initial.variant != settings.variant)
-    fail(ErrorKind::usage, "the initial model is of the form '{}', the settings say '{}'",
+    fail(ErrorKind::usage, "the initial model has the form '{}', but the settings have '{}'",
          to_string(initial.variant), to_string(settings.variant));
 }
 

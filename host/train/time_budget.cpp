@@ -104,8 +104,8 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
   };
   if (const double least = seconds(kMinIterations); least > budget.seconds)
     fail(ErrorKind::usage,
-         "a step takes {:.3g} ms here, so that {} iterations, the fewest that make sense, would take {:.3g} "
-         "s of a budget of {:.3g} s: give more time, or reduce the images with downscale",
+         "an iteration takes {:.3g} ms here, so the minimum of {} iterations would take {:.3g} s, which "
+         "exceeds the budget of {:.3g} s: increase the budget, or reduce the images with downscale",
          1e3 * (least - budget.measured) / kMinIterations, kMinIterations, least, budget.seconds);
   int fits = kMinIterations, beyond = budget.most_iterations + 1;
   while (beyond - fits > 1) {

@@ -19,7 +19,7 @@ namespace {
 TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, const Communicator& ranks) {
   check_initial(settings, initial);
   if (ranks.size() > 1 && settings.refine_cameras != RefineCameras::none)
-    fail(ErrorKind::usage, "refine_cameras needs one process: several ranks cannot share it");
+    fail(ErrorKind::usage, "refine_cameras is not supported with several MPI processes");
   settings = resolve_automatic(std::move(settings));
   settings.cap_max = std::max(settings.cap_max, static_cast<int>(initial.count));
   return settings;
@@ -317,8 +317,7 @@ Metrics Trainer::evaluate_test(ImageMetrics* more) {
 }
 
 void Trainer::keep_to(const TimeBudget& budget) {
-  if (ranks_.size() > 1)
-    fail(ErrorKind::usage, "a time budget needs one process: several ranks cannot share it");
+  if (ranks_.size() > 1) fail(ErrorKind::usage, "a time budget is not supported with several MPI processes");
   pace_.emplace(budget, settings(), views_.train(), initial_);
   const bool begins = progress_.iteration == 0 && settings().work_shares.empty();
   if (begins) progress_.seconds = budget.measured;
@@ -399,7 +398,7 @@ void Trainer::loss_not_finite(std::uint64_t draw) {
   const int iteration = static_cast<int>(draw / views_.batch()) + 1;
   if (settings().on_nan == OnNan::off)
     fail(ErrorKind::numerical,
-         "the loss is not finite at iteration {}, view '{}'; try smaller learning rates", iteration,
+         "the loss is not finite at iteration {}, view '{}': try smaller learning rates", iteration,
          views_.train().views[view].name);
   answer({iteration, {"image_loss", view}, {}}, state(true));
 }

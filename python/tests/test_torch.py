@@ -109,9 +109,9 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
     model = ubs.train(data, iterations=5, init_points=200, dim=6)
     splats = ubs.torch.Splats(model)
     if splats._drawing.place is None:
-        with pytest.raises(ubs.UsageError, match="no addresses"):
+        with pytest.raises(ubs.UsageError, match="does not provide addresses"):
             splats._drawing.renderer.array("parameters")
-        pytest.skip("SKIPPED: the device gives no addresses of its memory")
+        pytest.skip("SKIPPED: the device gives does not provide addresses of its memory")
     array = splats._drawing.renderer.array("parameters")
     seen = torch.from_dlpack(array)
     assert seen.data_ptr() == array.address and tuple(seen.shape) == array.shape

@@ -96,12 +96,12 @@ TEST_CASE("cli: metrics of images and folders") {
   CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
   for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");  // WebP was passed over
   for (const char* folders : {"twice b", "b twice"})  // which of them was measured was chance
-    check_error(folder, fmt::format("metrics {}", folders), 3, "paired by name without extension");
+    check_error(folder, fmt::format("metrics {}", folders), 3, "have the same name without extension");
   check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
   check_error(folder, "metrics small.png none.png", 3, "none.png: no such file");
   check_error(folder, "metrics small.png a", 2, "two images or two folders");
   check_error(folder, "metrics a b --lpips alex", 2, "--lpips needs --lpips-weights");
-  check_error(folder, "metrics a b --lpips-weights w", 2, "without --lpips");
+  check_error(folder, "metrics a b --lpips-weights w", 2, "requires --lpips");
   check_error(folder, "metrics a b --lpips resnet --lpips-weights w", 2, "alex, squeeze or vgg");
   check_error(folder, "metrics a/x.png b/x.png --lpips alex --lpips-weights none", 3, "none");
   check_error(folder, "train --data data --out o --lpips vgg --lpips-weights .", 3, "lpips_vgg.safetensors");
@@ -111,7 +111,7 @@ TEST_CASE("cli: metrics of images and folders") {
 TEST_CASE("cli: wrong usage is one line and exit code 2") {
   const TempFolder folder;
   check_error(folder, "trian", 2, "did you mean 'train'?");
-  check_error(folder, "train --out o", 2, "which data?");
+  check_error(folder, "train --out o", 2, "no data folder given");
   // What people give in place of a data folder.
   for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4"}) std::ofstream(folder / name) << "x";
   check_error(folder, "train scan.spz", 3, "this is a model, not a data set: show it with 'ubs view scan.spz'");
@@ -138,18 +138,18 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations is of a training");
   check_error(folder, "plan d --model m.ply --set dim=3", 2, "unknown key 'dim'");
   check_error(folder, "info m.ply --allow-outside", 2, "--allow-outside is of data");
-  check_error(folder, "render m.ply --out o --split test", 2, "--split is of data");
+  check_error(folder, "render m.ply --out o --split test", 2, "--split requires a data folder");
   fs::remove(folder / "m.ply");
   check_error(folder, "train d --any-device", 2, "--any-device requires --resume");
   for (const char* command : {"train d", "eval m d", "metrics a b"})
-    check_error(folder, fmt::format("{} --lpips-range unit", command), 2, "--lpips-range without --lpips");
+    check_error(folder, fmt::format("{} --lpips-range unit", command), 2, "--lpips-range requires --lpips");
   for (const char* arguments :
        {"reduce m d --out o --bound 0.1 --max-loss-db 1", "reduce m d --out o --lossless --max-loss-db 1"})
     check_error(folder, arguments, 2, "--max-loss-db excludes");
   check_error(folder, "tune --size 48x40/500 m.ply", 2, "excludes");
   check_error(folder, "render m --video v.mp4 --format npy", 2, "--format requires --out");
   check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
-  check_error(folder, "web m --out o.ubsz --title T", 2, "of a page");
+  check_error(folder, "web m --out o.ubsz --title T", 2, "only apply to an HTML page");
   check_error(folder, "bench --data d --list", 2, "--data requires --model");
   check_error(folder, "accuracy --out a --split train", 2, "--split requires --model");
   check_error(folder, "accuracy --out a m --splats 100", 2, "--splats is of embedded scenes");
@@ -181,20 +181,20 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   };
   for (const char* bad : {"-1", "nan", "inf", "many"})
     refused(fmt::format("eval m --fps-views {}", bad),
-            fmt::format("--fps-views: choose a number of 0 or more, not {} (see 'ubs eval --help')", bad));
+            fmt::format("--fps-views: expected a number of 0 or more, not {} (see 'ubs eval --help')", bad));
   for (const char* bad : {"0", "-0.5", "nan", "inf", "1e999"})
     refused(fmt::format("bench --max-time {}", bad),
-            fmt::format("--max-time: choose a number above 0, not {}", bad));
+            fmt::format("--max-time: expected a number above 0, not {}", bad));
   for (const char* bad : {"0", "100001", "2.5", "nan"})
     refused(fmt::format("synth glossy --out o --size {}", bad),
-            fmt::format("--size: choose a whole number from 1 to 8192, not {}", bad));
+            fmt::format("--size: expected a whole number from 1 to 8192, not {}", bad));
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
-            fmt::format("--elevation: choose a number from -89 to 89, not {}", bad));
+            fmt::format("--elevation: expected a number from -89 to 89, not {}", bad));
   // Unsigned ones: -1 was 18446744073709551615.
   for (const char* arguments : {"synth glossy --out o --seed", "accuracy --out o --view"})
-    refused(fmt::format("{} -1", arguments), ": choose a number of 0 or more, not -1");
-  refused("plan d --ranks 2 --splats 0", "--splats: choose a number from 1 to 1000000000000, not 0");
+    refused(fmt::format("{} -1", arguments), ": expected a number of 0 or more, not -1");
+  refused("plan d --ranks 2 --splats 0", "--splats: expected a number from 1 to 1000000000000, not 0");
   CHECK(file_count(folder.path()) == 2);
 }
 
@@ -202,7 +202,7 @@ TEST_CASE("cli: unusable data is one line and exit code 3") {
   const TempFolder folder;
   check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");
   check_error(folder, "info none.ply", 3, "none.ply: no such file");
-  // Not "which data?", of a model that is not there.
+  // Not "no data folder given", of a model that is not there.
   for (const char* arguments :
        {"eval none.ply", "reduce none.ply --out o.ply", "compare --devices cpu none.ply",
         "gradients none.ply --view 0 --out o.ply", "plan --model none.ply"})
@@ -530,7 +530,7 @@ TEST_CASE("tune stores what later commands apply, and a dry run stores nothing")
   check_error(folder, "tune --quick --dry-run --model m.ply", 3, "m.ply: no such file");
   put(folder / "m.ply", "a model");
   check_error(folder, "tune --quick --dry-run --model m.ply", 2,
-              "which data? m.ply is not in the output folder");
+              "no data folder given, and m.ply is not inside a run folder");
   REQUIRE(file_count(folder / "tuning") == 1);
 
   const fs::path file = fs::directory_iterator(folder / "tuning")->path();

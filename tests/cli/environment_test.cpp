@@ -146,7 +146,7 @@ TEST_CASE("what cannot be written to stdout is an error of every command") {
         run_command(folder, fmt::format("sh -c \"'{}' {} >/dev/full\"", program_of(arguments), arguments));
     INFO(arguments << "\n" << result.err);
     CHECK(result.code == 3);
-    CHECK(result.err.find(": error: standard output cannot be written: No space left on device\n") !=
+    CHECK(result.err.find(": error: cannot write to standard output: No space left on device\n") !=
           std::string::npos);
   }
   // Commands that write files have written them all the same.

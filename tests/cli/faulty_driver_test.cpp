@@ -36,7 +36,7 @@ TEST_CASE("the devices of sound drivers are listed beside those of a driver that
     // Devices are listed more than once in a process.
     CHECK(std::ranges::count(listed.err, '\n') == (devices ? 2 : 1));
     CHECK(listed.err.find("ubs: warning: ") == 0);
-    CHECK(listed.err.find("'Faulty Driver' is left out: ") != std::string::npos);
+    CHECK(listed.err.find("'Faulty Driver' is not used: ") != std::string::npos);
     CHECK(listed.err.find(devices ? "clGetDeviceInfo failed with CL_OUT_OF_RESOURCES"
                                   : "clGetDeviceIDs failed with CL_OUT_OF_HOST_MEMORY") != std::string::npos);
   }

@@ -60,8 +60,9 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK(detect_splat_format(folder / "d.ply").name == "dbs");
   // Support radii were written as Gaussian sigmas, and a DBS file as 3DGS.
   for (const char* arguments : {"d.ply o.spz", "d.ply o.ply --to 3dgs"})
-    check_error(folder, fmt::format("convert {}", arguments), 2, "convert it to a .ply first");
-  check_error(folder, "convert g.ply o.ply --to dbs", 2, "3DGS PLY holds Gaussians, and DBS PLY Beta splats");
+    check_error(folder, fmt::format("convert {}", arguments), 2, "convert it to a .ply file first");
+  check_error(folder, "convert g.ply o.ply --to dbs", 2,
+              "3DGS PLY contains Gaussians, but DBS PLY stores Beta splats");
   ubs_ok(folder, "convert d.ply by_way.ply");
   ubs_ok(folder, "convert by_way.ply by_way.spz");
   CHECK(read_foreign_splats(folder / "by_way.spz").count() == 1);
@@ -72,18 +73,19 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   // What this conversion has no use for was ignored.
   for (const char* arguments :
        {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
-    check_error(folder, fmt::format("convert {}", arguments), 2, "are of exports of our models as Gaussians");
-  check_error(folder, "convert u.ply o.spz --split train", 2, "name the data with --data");
+    check_error(folder, fmt::format("convert {}", arguments), 2,
+                "only apply when exporting a ubs model as Gaussians");
+  check_error(folder, "convert u.ply o.spz --split train", 2, "--split requires --data");
   for (const char* arguments : {"u.ply o.ply --to ubs", "g.ply o.spz"})
-    check_error(folder, fmt::format("convert {} --data data", arguments), 2, "--data: a loss is measured");
+    check_error(folder, fmt::format("convert {} --data data", arguments), 2, "--data is not used here");
   for (const char* option : {"--time 0.5", "--series 3"})
-    check_error(folder, fmt::format("convert u.ply o.spz {}", option), 2, "models that change with time");
+    check_error(folder, fmt::format("convert u.ply o.spz {}", option), 2, "a model that depends on time");
   CHECK_THAT(run_ubs(folder, "convert u7.ply n.ply --to 3dgs --time nan").err, Contains("time = nan"));
   CHECK(read_splat_ply(folder / "u7.ply").dim == 7);
   ubs_ok(folder, "convert u7.ply x.spz --time 0.5");
   CHECK(read_foreign_splats(folder / "x.spz").count() == 1);
   const std::string background = "convert u7.ply b.spz --overwrite --time 0.5 --background ";
-  CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("learnt before background 1,0.5,0, "));
+  CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("trained on background 1,0.5,0, "));
   CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
   ubs_ok(folder, "convert x.spz x.splat");
   CHECK(read_foreign_splats(folder / "x.splat").count() == 1);
@@ -121,8 +123,8 @@ TEST_CASE("cli: models change their form of conditioning", "[cli]") {
   CHECK(json::parse(ubs_ok(folder, "info d.ply --json").out)["variant"] == there["variant"]);
   ubs_ok(folder, "convert d.ply u.ply --conditioning covariance");
   CHECK(to_string(read_splat_ply(folder / "u.ply").variant) == "cov_param cholesky");
-  check_error(folder, "convert d.ply e.ply --conditioning direct", 2, "in the direct form already");
-  check_error(folder, "convert g.ply e.ply --conditioning direct", 2, "--conditioning is of our models");
+  check_error(folder, "convert d.ply e.ply --conditioning direct", 2, "already has direct conditioning");
+  check_error(folder, "convert g.ply e.ply --conditioning direct", 2, "--conditioning only applies");
   ubs_ok(folder, "web d.ply --exact --out page.html");
 }
 
@@ -164,7 +166,8 @@ TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures
         still["distilled"][0]["psnr_before"].get<double>());
   CHECK(run_ubs(folder, "convert run s.ply --to ubs --distill 4s").code == 2);
   CHECK_THAT(run_ubs(folder, "convert run s3.ply --distill 1ms").err, Contains("budget"));
-  CHECK_THAT(run_ubs(folder, "convert s.ply s4.spz --distill 4s").err, Contains("our models"));
+  CHECK_THAT(run_ubs(folder, "convert s.ply s4.spz --distill 4s").err,
+             Contains("only apply when exporting a ubs model"));
 }
 
 TEST_CASE("cli: Gaussians go out as they came in, and every command reads them", "[cli]") {

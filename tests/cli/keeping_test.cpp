@@ -88,7 +88,7 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
     const json metrics = json::parse(get(folder / out / "metrics.json"));
     CHECK(metrics["resumed_from"].get<int>() > 0);
     CHECK(metrics["interrupted"] == false);
-    CHECK_THAT(metrics["data_report"].dump(), !Contains("random places"));  // nothing begins
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // nothing begins
   }
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
@@ -99,13 +99,13 @@ TEST_CASE("cli: what cannot be continued is one line") {
   REQUIRE(interrupted_run(folder, "run", "INT", "--refine-cameras pose") == 130);
   CHECK(json::parse(get(folder / "run/cameras/transforms.json"))["frames"].size() == 8);
   check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
-  check_error(folder, "train --resume run --out other", 2, "leave out --out");
+  check_error(folder, "train --resume run --out other", 2, "remove --out");
   check_error(folder, "train --resume run --lr-rgb 0.5", 2,
-              "lr_rgb = 0.5 cannot continue a run with lr_rgb = auto");
-  check_error(folder, "train --resume run --iterations 9000", 2, "schedule scales");
+              "cannot resume with lr_rgb = 0.5: the run was started with lr_rgb = auto");
+  check_error(folder, "train --resume run --iterations 9000", 2, "its schedule depends on");
   put_scene(folder / "other", 32, 8, 2, "cloud");
   check_error(folder, "train --resume run --data other --quiet", 3,
-              "not those that the run was started with");
+              "differ from those that the run was started with");
   const std::string bytes = get(folder / "run/checkpoint.ubs");
   put(folder / "run/checkpoint.ubs", bytes.substr(0, bytes.size() - 100));
   check_error(folder, "train --resume run", 3, "truncated checkpoint");
@@ -126,8 +126,8 @@ TEST_CASE("cli: a full disk does not end a run") {
             "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" train --data data --out run --quiet "
             "--init-points 8000 --cap-max 8000 --iterations 250 --checkpoint-every 100");
   INFO(result.err);
-  CHECK(result.err.find("no checkpoint at iteration 100") != std::string::npos);
-  CHECK(result.err.find("no checkpoint at iteration 200") != std::string::npos);
+  CHECK(result.err.find("could not write the checkpoint at iteration 100") != std::string::npos);
+  CHECK(result.err.find("could not write the checkpoint at iteration 200") != std::string::npos);
   CHECK(result.err.find("disk full?") != std::string::npos);
   CHECK(result.code == 0);
   CHECK(fs::exists(folder / "run/model.ply"));
@@ -159,7 +159,7 @@ TEST_CASE("cli: a value that is not finite stops with 7 and names iteration and 
   INFO(result.err);
   REQUIRE(result.code == 7);
   CHECK(result.err.find("ubs: error: not finite at iteration") != std::string::npos);
-  CHECK(result.err.find("is kept: ubs train --resume run") != std::string::npos);
+  CHECK(result.err.find("was saved: resume with 'ubs train --resume run'") != std::string::npos);
   CHECK(get(folder / "run/checkpoint.ubs") == bytes);
   CHECK(
       (test::contains(result.err, "stage image_loss") || test::contains(result.err, "stage raster_forward")));
@@ -237,7 +237,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
     CHECK_THAT(own, Contains(part));
   const Result hopeless = run_ubs(folder, "train --data data --out x --budget 0.001s");
   CHECK(hopeless.code == 2);
-  CHECK_THAT(hopeless.err, Contains("give more time"));
+  CHECK_THAT(hopeless.err, Contains("increase the budget"));
   CHECK_FALSE(fs::exists(folder / "x/model.ply"));
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2, "leave out");
   check_error(folder, "train --resume run --budget 9s", 2, "--budget");

@@ -51,8 +51,8 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   check_refused(folder, train("data"), "is the data");
   check_refused(folder, train("data", "--overwrite"), "is the data");
   check_refused(folder, train("alias"), "is the data");
-  check_refused(folder, train("data/train", "--overwrite"), "data/train: is a folder of images or cameras");
-  check_refused(folder, train("alias/val"), "alias/val: is a folder of images or cameras");
+  check_refused(folder, train("data/train", "--overwrite"), "data/train: this folder contains images or cameras");
+  check_refused(folder, train("alias/val"), "alias/val: this folder contains images or cameras");
   check_refused(folder, train("."), "holds the data");
   fs::create_directory(folder / "set");
   ubs_ok(folder, "pack data --out set/F.ubsd");
@@ -148,8 +148,8 @@ TEST_CASE("outputs: --overwrite does not reach photographs in a folder of any na
       test::replaced(get(folder / "data/transforms_test.json"), "./test/r_000", "./photos/r_000");
   put(folder / "data/transforms_test.json", test::replaced(text, "./test/r_001", "./photos/r_001"));
   ubs_ok(folder, train("run"));
-  check_refused(folder, "render run data --out data/photos --overwrite", "is a folder of images or cameras");
-  check_refused(folder, train("data/photos", "--overwrite"), "is a folder of images or cameras");
+  check_refused(folder, "render run data --out data/photos --overwrite", "this folder contains images or cameras");
+  check_refused(folder, train("data/photos", "--overwrite"), "this folder contains images or cameras");
   fs::rename(folder / "data/photos", folder / "data/renders");
   std::string moved = get(folder / "data/transforms_test.json");
   for (int i = 0; i < 2; ++i) moved = test::replaced(moved, "./photos/", "./renders/");
@@ -255,7 +255,7 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
     fs::create_hard_link(folder / writer.input, folder / "hard.mp4");
     for (std::size_t i = 2; const std::string& out : {std::string(writer.input), std::string("hard.mp4")})
       if (const bool chosen = i++ == other; all || chosen)
-        check_refused(folder, with_out(writer.arguments, out) + " --overwrite", "is the input");
+        check_refused(folder, with_out(writer.arguments, out) + " --overwrite", "this is the input");
   }
   for (const char* command : {"convert run/model.ply mine.ply", "pack data --out mine.ubsd",
                               "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
@@ -287,7 +287,7 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
     fs::remove_all(folder / "other");
     if (arguments.find("--data") == std::string::npos) continue;
     const std::pair<const char*, const char*> places[] = {
-        {"data/test", "is a folder of images or cameras"}, {"data", "is the data"}, {".", "holds the data"}};
+        {"data/test", "this folder contains images or cameras"}, {"data", "is the data"}, {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);

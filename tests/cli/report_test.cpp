@@ -434,7 +434,7 @@ TEST_CASE("report: what it refuses", "[cli]") {
   };
   refused("", 2, "runs");
   refused("nowhere --out no.html", 3, "no such folder");
-  refused("data --out no.html", 3, "no output folder of 'ubs train'");
+  refused("data --out no.html", 3, "not an output folder of 'ubs train'");
   refused("still/log.csv --out no.html", 3, "is no folder");
   refused("still --out data", 2, "is a folder");
   refused("still --views 0", 2, "--views");

@@ -289,8 +289,8 @@ TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not 
                                                               kAsRank, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
   INFO(result.err);
   REQUIRE(result.code == 0);
-  CHECK_THAT(result.err, Contains("no checkpoint at iteration"));
-  CHECK_THAT(result.err, Contains(" is kept"));
+  CHECK_THAT(result.err, Contains("could not write the checkpoint at iteration"));
+  CHECK_THAT(result.err, Contains(" remains"));
   CHECK_THAT(result.err, Contains("rank 1: "));
   CHECK_THAT(result.err, Contains("disk full?"));
   check_same(folder, "one", "many");
@@ -473,7 +473,7 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   };
   fails("train nowhere --out o", 3, "nowhere");
   fails("train data --out o --budget 1m", 2, "--budget");
-  fails("info o", 2, "'ubs info' is a command of one process: leave out mpirun");
+  fails("info o", 2, "'ubs info' runs in one process only: start it without mpirun");
   // As where a launcher gives the ranks other options.
   test::put(folder / "other.sh", fmt::format("exec '{}' {} --seed 4$OMPI_COMM_WORLD_RANK$PMI_RANK",
                                              UBS_EXECUTABLE, training(6, 4, "o")));

@@ -44,10 +44,10 @@ TEST_CASE("without a driver or a card there are no CUDA devices and no remarks",
 TEST_CASE("why there are no CUDA devices is said once", "[cuda]") {
   SECTION("driver too old") {
     const OtherCard card({.driver = 12040, .runtime = 13010, .count = cudaErrorInsufficientDriver});
-    CHECK(remarks_of_listing(0) ==
-          "ubs: warning: no CUDA devices: driver too old: it has CUDA 12.4, this build needs 13.0; update "
-          "it, or use "
-          "--device opencl\n");
+    CHECK(
+        remarks_of_listing(0) ==
+        "ubs: warning: no CUDA devices: the driver supports CUDA 12.4, but this build needs 13.0: update the "
+        "driver, or use --device opencl\n");
   }
   SECTION("another error") {
     const OtherCard card({.driver = 13000, .runtime = 13010, .count = cudaErrorInvalidValue});
@@ -55,24 +55,23 @@ TEST_CASE("why there are no CUDA devices is said once", "[cuda]") {
   }
   SECTION("a card that does not answer") {
     const OtherCard card({.driver = 13000, .runtime = 13000, .properties = cudaErrorInvalidValue});
-    CHECK(remarks_of_listing(0) ==
-          "ubs: warning: CUDA device 0 is passed over: cudaError: error on the host\n");
+    CHECK(remarks_of_listing(0) == "ubs: warning: CUDA device 0 is not used: cudaError: error on the host\n");
   }
 }
 
 TEST_CASE("a card that the build has no code for is passed over with the reason", "[cuda]") {
   SECTION("before Turing") {
     const OtherCard card({.capability = 70});
-    CHECK(remarks_of_listing(0) ==
-          "ubs: warning: CUDA on the host (CUDA device 0, sm_70) is passed over: CUDA is for sm_75 and "
-          "newer\n");
+    CHECK(
+        remarks_of_listing(0) ==
+        "ubs: warning: CUDA on the host (CUDA device 0, sm_70) is not used: the CUDA back end requires sm_75 "
+        "or newer\n");
   }
   SECTION("no machine code, and the driver does not compile any") {
     const OtherCard card({.capability = 110, .code = cudaErrorNoKernelImageForDevice});
     CHECK(remarks_of_listing(0) ==
-          "ubs: warning: CUDA on the host (CUDA device 0, sm_110) is passed over: this build (sm_80, sm_90) "
-          "has no "
-          "code that runs there (cudaError: error on the host): configure it with "
+          "ubs: warning: CUDA on the host (CUDA device 0, sm_110) is not used: this build (sm_80, sm_90) has "
+          "no code for it (cudaError: error on the host): configure with "
           "-DCMAKE_CUDA_ARCHITECTURES=110\n");
   }
   SECTION("no machine code, but the driver compiles it") {

@@ -129,7 +129,7 @@ TEST_CASE("conditioning: the way back of a Beta model, where there is one", "[co
     for (float& b : model.row(l.query_beta + q)) b = q == 1 ? -6.0f : 0.0f;
   for (int row = l.l_triangle + 3; row < l.count; ++row)
     for (float& entry : model.row(row)) entry *= 30;
-  CHECK_THROWS_WITH(to_covariance(model), Catch::Contains("have no covariance"));
+  CHECK_THROWS_WITH(to_covariance(model), Catch::Contains("cannot be represented by a covariance"));
   model.variant = {};  // the same numbers as a covariance
   const Reconditioned indefinite = to_direct(model);
   CHECK(indefinite.indefinite > 0);
@@ -137,7 +137,7 @@ TEST_CASE("conditioning: the way back of a Beta model, where there is one", "[co
 }
 
 TEST_CASE("conditioning: what has no other form is refused", "[conditioning]") {
-  CHECK_THROWS_WITH(to_covariance(scene_model(6, {})), Catch::Contains("not in the direct form"));
+  CHECK_THROWS_WITH(to_covariance(scene_model(6, {})), Catch::Contains("does not have direct conditioning"));
   CHECK_THROWS_WITH(to_direct(scene_model(6, {.conditioning = Conditioning::direct})),
                     Catch::Contains("already"));
   CHECK_THROWS_WITH(to_direct(scene_model(6, {.cov_param = CovParam::skew_nd})), Catch::Contains("skew_nd"));

@@ -94,7 +94,8 @@ TEST_CASE("settings: a background is a colour, a sky, or to be learnt") {
                Catch::Contains("three numbers r,g,b 0 to 1, the 27 numbers"));
   settings.background.learnt = Background::Learnt::sky;
   settings.refine_cameras = RefineCameras::pose;
-  CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Catch::Contains("gradient of a sky"));
+  CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage),
+             Catch::Contains("does not support background = sky"));
 }
 
 TEST_CASE("settings: text is read into every kind of field") {

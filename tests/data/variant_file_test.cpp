@@ -89,7 +89,8 @@ TEST_CASE("variants: records that cannot be honoured are refused", "[variants][p
     put(folder / "bad.ply", replaced(good, "comment ubs cov_mode whiten\n", line));
     return message_of([&] { read_splat_ply(folder / "bad.ply"); });
   };
-  CHECK_THAT(refusal("comment ubs cov_mode sym\n"), Contains("'sym' is no value of cov_mode: upper|whiten"));
+  CHECK_THAT(refusal("comment ubs cov_mode sym\n"),
+             Contains("'sym' is not a value of cov_mode: expected upper|whiten"));
   CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown switch 'fog'"));
   CHECK_THAT(refusal("comment ubs cov_mode\n"), Contains("is not 'ubs <key> <value>'"));
   CHECK_THAT(refusal("comment ubs cov_mode whiten\ncomment ubs cov_mode whiten\n"),

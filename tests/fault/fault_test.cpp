@@ -164,7 +164,7 @@ TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the w
                                   Fault{look_calls, 1, Fault::signal, SIGINT});
   CHECK(run.struck);
   CHECK(run.code == 130);
-  CHECK(run.err == "\nubs: interrupted before the first step; no run was begun\n");
+  CHECK(run.err == "\nubs: interrupted before the first iteration; nothing was written\n");
   ubs_ok(folder, "train data --iterations 1 --init-points 10 --cap-max 10 --out run");
   CHECK(fs::exists(folder / "run/model.ply"));
 }

@@ -384,7 +384,7 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
   for (std::size_t i = 0; i < pixels; ++i)  // where the model is: elsewhere depth jumps
     v_depth[i] = before.alpha[i] > 0.1f ? 0.3f : 0.0f;
   renderer.vjp(camera, v_rgb, {}, nullptr, v_depth);
-  check_error(UBS_ERROR_USAGE, "draw it again", [&] { renderer.array(UBS_ARRAY_RGB); });
+  check_error(UBS_ERROR_USAGE, "render it again", [&] { renderer.array(UBS_ARRAY_RGB); });
   const ubs_camera_gradient found = renderer.camera_gradient();
   const auto number = [&](const ubs_camera& seen) {
     const ubs::Picture picture = renderer.draw(seen);
@@ -483,7 +483,7 @@ TEST_CASE("a step function may read, stop and throw") {
   trainer.run([&](const ubs_step& step) {
     CHECK(trainer.status().iteration == step.iteration);
     CHECK(trainer.model().info().splats == step.splats);
-    check_error(UBS_ERROR_USAGE, "step function", [&] { trainer.run(); });
+    check_error(UBS_ERROR_USAGE, "step callback", [&] { trainer.run(); });
     return step.iteration < 2;
   });
   CHECK(trainer.status().iteration == 2);
@@ -571,7 +571,7 @@ TEST_CASE("errors name what is wrong") {
   const ubs::Model wrong = small_model(3);
   check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
   const ubs::Model other_form = small_model(6);  // was read as one of the settings' form
-  check_error(UBS_ERROR_USAGE, "is of the form 'default', the settings say 'colour sh3'",
+  check_error(UBS_ERROR_USAGE, "has the form 'default', but the settings have 'colour sh3'",
               [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
   ubs::Trainer trainer(device, full, settings());
   check_error(UBS_ERROR_USAGE, "cannot be changed",

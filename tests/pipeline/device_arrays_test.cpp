@@ -72,10 +72,10 @@ TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere")
     const bool pocl_cpu =
         std::string(device.platform) == "Portable Computing Language" && device.type == UBS_DEVICE_CPU;
     if (std::string(device.backend) == "opencl" && !pocl_cpu) {
-      check_usage("no addresses", [&] { renderer.array(UBS_ARRAY_PARAMETERS); });
+      check_usage("does not provide addresses", [&] { renderer.array(UBS_ARRAY_PARAMETERS); });
       continue;
     }
-    check_usage("drawn nothing", [&] { renderer.array(UBS_ARRAY_RGB); });
+    check_usage("nothing has been rendered yet", [&] { renderer.array(UBS_ARRAY_RGB); });
     const ubs_array parameters = renderer.array(UBS_ARRAY_PARAMETERS);
     CHECK(parameters.shape[1] == 70);
     if (parameters.type != 1) continue;  // a card: not for us to read
@@ -102,7 +102,7 @@ TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere")
     for (std::int64_t row = 0; row < parameters.shape[0]; ++row)
       std::copy_n(wanted.begin() + row * 70, 70, parameters.values + row * parameters.strides[0]);
     CHECK(renderer.draw(camera).rgb == expected.draw(camera).rgb);
-    check_usage("no gradient of a view", [&] { renderer.array(UBS_ARRAY_GRADIENT); });
+    check_usage("no gradient yet", [&] { renderer.array(UBS_ARRAY_GRADIENT); });
     check_usage("pixels", [&] { renderer.array(UBS_ARRAY_V_RGB); });
     const ubs_array v_rgb = renderer.array(UBS_ARRAY_V_RGB, 0, kHeight, kWidth);
     CHECK(values_of(v_rgb) == std::vector<float>(v.size()));

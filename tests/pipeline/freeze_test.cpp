@@ -153,20 +153,20 @@ TEST_CASE("what cannot be frozen is refused", "[freeze]") {
     return test::message_of([&] { validate(settings); }, ErrorKind::usage);
   };
   CHECK(message("colour") ==
-        "freeze = 'colour': 'colour' is no parameter group of this model (xyz, rgb, opacity, beta, "
+        "freeze = 'colour': 'colour' is not a parameter group of this model (xyz, rgb, opacity, beta, "
         "mean, scale, l_triangle)");
   CHECK(message("rgb,rgb") == "freeze = 'rgb,rgb': 'rgb' is given twice");
   CHECK(message("rgb,") ==
-        "freeze = 'rgb,': '' is no parameter group of this model (xyz, rgb, opacity, beta, mean, "
+        "freeze = 'rgb,': '' is not a parameter group of this model (xyz, rgb, opacity, beta, mean, "
         "scale, l_triangle)");
   CHECK(message("xyz") ==
-        "freeze = 'xyz': relocation and growth change xyz; switch them off with refine = 0:0:1");
+        "freeze = 'xyz': relocation and growth would change xyz: disable them with refine = 0:0:1");
   CHECK(message("opacity") != "");
   CHECK(message("rgb,scale") == "");
   settings.refine.end = settings.refine.first;
   CHECK(message("xyz") == "");
   CHECK(message("xyz,rgb,opacity,beta,mean,scale,l_triangle") ==
-        "freeze = 'xyz,rgb,opacity,beta,mean,scale,l_triangle': nothing is left to learn");
+        "freeze = 'xyz,rgb,opacity,beta,mean,scale,l_triangle': no parameter would be trained");
 }
 
 }  // namespace

@@ -111,7 +111,8 @@ TEST_CASE("choices that exclude one another are refused", "[variants]") {
     config.variant.rot_mode = RotMode::quaternion;
     CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("quaternion needs dim = 3"));
     config.variant = {.rot_mode = RotMode::exp, .cov_param = CovParam::cholesky};
-    CHECK_THROWS_WITH(make_stages(*device, config), Catch::Contains("spatial_ortho only"));
+    CHECK_THROWS_WITH(make_stages(*device, config),
+                      Catch::Contains("only applies to cov_param = spatial_ortho"));
   }
 }
 

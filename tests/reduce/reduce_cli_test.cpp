@@ -81,7 +81,7 @@ TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and 
   put_scene(folder / "data", 32, 8, 3, "orbit");
   ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet");
   const Result reduced = ubs_ok(folder, "reduce run data --out r.ply --bound 0.1 --quiet");
-  CHECK_THAT(reduced.err, Contains("splats alone are given up") && Contains("conditioning direct"));
+  CHECK_THAT(reduced.err, Contains("only splats are removed here") && Contains("conditioning direct"));
   const MixedModel model = read_mixed_ply(folder / "r.ply");
   CHECK_FALSE(model.mixed());
   CHECK(model.count() < 350);
@@ -100,9 +100,9 @@ TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
     CHECK_THAT(result.err, Contains(reason));
     CHECK(!std::filesystem::exists(folder / "r.ply"));
   };
-  refused("--model m.ply --out r.ply --lossless", 3, "no splat is left");
-  refused("--model m.ply --out m.ply", 2, "is the input m.ply");
-  refused("--model m.ply --out r.ply --lossless --bound 0.1", 2, "exclude one another");
+  refused("--model m.ply --out r.ply --lossless", 3, "no splat would be left");
+  refused("--model m.ply --out m.ply", 2, "this is the input m.ply");
+  refused("--model m.ply --out r.ply --lossless --bound 0.1", 2, "cannot be combined");
   refused("--model none.ply --out r.ply", 3, "none.ply");
   refused("--model m.ply --out r.ply --bound 2", 2, "bound");
 }

@@ -53,7 +53,7 @@ TEST_CASE("run record: logs of any state", "[report]") {
 
   remarks.clear();
   CHECK(parse_log("a,b\n1,2\n", "log.csv", remarks) == Json::object());
-  CHECK_THAT(remarks[0], Contains("no column iteration"));
+  CHECK_THAT(remarks[0], Contains("no column 'iteration'"));
   CHECK(parse_log("", "log.csv", remarks) == Json::object());
 
   const Json again = parse_log("iteration,loss\n10,1\n20,2\n30,3\n20,4\n", "log.csv", remarks);
@@ -66,7 +66,7 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK_THAT(message_of([&] { read_run(folder / "none"); }), Contains("no such folder"));
   put(folder / "file", "x");
   CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("is no folder"));
-  CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("is no output folder of 'ubs train'"));
+  CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("not an output folder of 'ubs train'"));
 
   // Killed at once: a log and the settings, one of which this version does not know.
   put(folder / "run" / "log.csv", "iteration,loss\n1,0.5\n");

@@ -33,7 +33,7 @@ int run_stress(int argc, char** argv) {
   }
   for (const auto& [name, value] :
        {std::pair{"--seed", options.seed}, {"--first", options.first}, {"--cases", options.cases}})
-    if (value < 0) fail(ErrorKind::usage, "{}: choose a number of 0 or more, not {}", name, value);
+    if (value < 0) fail(ErrorKind::usage, "{}: expected a number of 0 or more, not {}", name, value);
 
   const std::unique_ptr<Device> device = open_device(options.device);
   DeviceRunner runner(*device, raster_kind(options.raster, device->info()));

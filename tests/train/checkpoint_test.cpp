@@ -214,8 +214,8 @@ TEST_CASE("checkpoint: other settings and data are told apart", "[checkpoint]") 
       std::string::npos);
   wanted = stored;
   wanted.iterations = 40000;
-  CHECK(message_of([&] { check_same_settings(stored, wanted); }, ErrorKind::usage).find("schedule scales") !=
-        std::string::npos);
+  CHECK(message_of([&] { check_same_settings(stored, wanted); }, ErrorKind::usage)
+            .find("its schedule depends on") != std::string::npos);
 
   Data data = synthetic("glossy", 16, 3);
   const std::uint32_t print = fingerprint(data.train);

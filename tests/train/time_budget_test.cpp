@@ -142,7 +142,7 @@ TEST_CASE("time budget: as many iterations are chosen as fit the measured costs"
   bounded.most_iterations = 16000;
   CHECK(choose_iterations(bounded, fast_settings(), train, 9000).settings.iterations == 16000);
   CHECK(message_of([&] { choose_iterations(budget_of(0.6), fast_settings(), train, 9000); }, ErrorKind::usage)
-            .find("give more time") != std::string::npos);
+            .find("increase the budget") != std::string::npos);
 }
 
 TEST_CASE("time budget: it is kept within 2 % and 2 s on quick, slow and loaded machines", "[budget]") {

@@ -75,8 +75,7 @@ TEST_CASE("keyframes: errors name the file, the keyframe and the field") {
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "lookat": 1})", "unknown field 'lookat'");
   frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0],[0,0,2,0]]})", "'world_to_camera' is not a rotation");
   frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0]]})", "'world_to_camera' must be 4x4 (or 3x4)");
-  frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0,1,0]})",
-        "'up' goes with 'position'");
+  frame(R"({"world_to_camera": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], "up": [0,1,0]})", "'up' requires 'position'");
   CHECK_THAT(refused_frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "time": 1})"),
              Contains("1 of 2 keyframes have a 'time'"));
 }

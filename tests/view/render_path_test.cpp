@@ -122,5 +122,5 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
   refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size belongs to --path");
   refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov belongs to --path");
   for (const char* option : {"--loops 2", "--centre 1,2,3", "--distance 4", "--elevation 5"})
-    refused(fmt::format("m.ply --path k.json --out o {}", option), 2, "is of --path orbit and spiral");
+    refused(fmt::format("m.ply --path k.json --out o {}", option), 2, "only applies to --path orbit and --path spiral");
 }

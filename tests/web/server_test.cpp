@@ -127,8 +127,8 @@ TEST_CASE("an exception of any type while a picture is drawn ends that answer an
     CHECK(one_line(answer.body));
     return answer.body;
   };
-  CHECK(thrown([](const PictureRequest&) -> Picture { fail(ErrorKind::memory, "too much"); }) ==
-        "too much\n");
+  CHECK(thrown([](const PictureRequest&) -> Picture { fail(ErrorKind::memory, "too expensive"); }) ==
+        "too expensive\n");
   thrown([](const PictureRequest&) -> Picture { throw std::bad_alloc(); });
   thrown([](const PictureRequest&) -> Picture { throw std::runtime_error("OpenCV\nwrites\r\nlines"); });
   thrown([](const PictureRequest&) -> Picture { throw std::runtime_error(std::string(10000, 'x')); });

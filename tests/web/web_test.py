@@ -301,7 +301,7 @@ def poster(page, folder):
         "--embed",
         "--quiet",
     )
-    assert re.search(r"error +5\d\.\d\d dB against the exact model over 4 cameras", text), text
+    assert re.search(r"quality +PSNR 5\d\.\d\d dB against the original model \(mean of 4 cameras", text), text
     ubs(
         "render",
         model,

@@ -10,19 +10,19 @@ namespace ubs::tools {
 
 LpipsOptions::LpipsOptions(CLI::App& app) {
   app.add_option("--lpips", networks_,
-                 "also LPIPS with these networks: alex, squeeze, vgg, with commas between")
+                 "also measure LPIPS with these networks: alex, squeeze, vgg (comma-separated)")
       ->delimiter(',')
       ->type_name("NAMES");
-  app.add_option(
-         "--lpips-weights", weights_,
-         "their weights: a safetensors file, or a folder with lpips_NAME.safetensors [UBS_LPIPS_WEIGHTS]")
+  app.add_option("--lpips-weights", weights_,
+                 "weights of the networks: a safetensors file, or a folder with lpips_NAME.safetensors "
+                 "[UBS_LPIPS_WEIGHTS]")
       ->type_name("FILE|DIR")
       ->group(kRareGroup);
   range_option_ =
       app.add_option(
              "--lpips-range", range_,
-             "what the networks are fed: signed ([-1,1], as LPIPS is defined), unit ([0,1], as the published "
-             "evaluation of splats does; also called published) or both [both]")
+             "range of the images for the networks: signed ([-1,1], as LPIPS is defined), unit ([0,1], as in "
+             "the published evaluation of splats; also called published) or both [both]")
           ->check(CLI::IsMember({"signed", "unit", "published", "both"}))
           ->type_name("RANGE")
           ->group(kRareGroup);
@@ -32,9 +32,10 @@ LpipsRequest LpipsOptions::request() const {
   LpipsRequest request{.networks = networks_};
   if (networks_.empty()) {
     if (!weights_.empty())
-      fail(ErrorKind::usage, "--lpips-weights without --lpips: say which networks, for example --lpips alex");
+      fail(ErrorKind::usage,
+           "--lpips-weights requires --lpips: choose the networks, for example --lpips alex");
     if (range_option_->count() > 0)
-      fail(ErrorKind::usage, "--lpips-range without --lpips: say which networks, for example --lpips alex");
+      fail(ErrorKind::usage, "--lpips-range requires --lpips: choose the networks, for example --lpips alex");
     return request;
   }
   for (const std::string& name : networks_) lpips_network(name);

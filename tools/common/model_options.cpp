@@ -42,14 +42,15 @@ ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
 
 LoadedModel ModelOptions::load() const {
   settings.resolve();
-  if (split_given() && data.empty()) fail(ErrorKind::usage, "--split is of data: name them after the model");
+  if (split_given() && data.empty())
+    fail(ErrorKind::usage, "--split requires a data folder: pass it after the model");
   return open_model(model);
 }
 
 void add_device_option(CLI::App& app, std::string& device) {
   app.add_option("--device", device,
                  "index, cpu, gpu, cuda, opencl, or part of a name, as listed by 'ubs devices'; cuda:1 and "
-                 "opencl:NAME look in one back end only [UBS_DEVICE, else the first GPU]")
+                 "opencl:NAME search one back end only [UBS_DEVICE, otherwise the first GPU]")
       ->type_name("DEVICE");
 }
 
@@ -81,7 +82,8 @@ RunData use_run_data(const std::string& model, std::string& data) {
   if (!in_run && !data.empty()) return {};
   if (!in_run && !path_exists(model)) fail(ErrorKind::data, "{}: no such file or folder", model);
   if (!in_run)
-    fail(ErrorKind::usage, "which data? {} is not in the output folder of a run: name the data after it",
+    fail(ErrorKind::usage,
+         "no data folder given, and {} is not inside a run folder: pass the data folder after the model",
          model);
   RunRecord run = read_run(folder.empty() ? "." : folder);
   const auto print = run.number({"data_print"});
@@ -99,14 +101,15 @@ RunData use_run_data(const std::string& model, std::string& data) {
     }
     const TrainSettings usual;
     if (reading_of(run.settings) != reading_of(usual))
-      remark("ubs: {} is what the run was trained on, and is read as it was then\n", data);
+      remark("ubs: {} is the data that the run was trained on, and is read with the settings of the run\n",
+             data);
     return result;
   }
   const std::string named = run.text({"data"});
-  std::string why = "is gone";
+  std::string why = "does not exist";
   for (const std::filesystem::path& place : data_places(named, folder)) {
     if (!path_exists(place)) continue;
-    why = "holds other cameras, names or images than the run was trained on";
+    why = "contains other cameras, names or images than the run was trained on";
     try {
       if (print && !trained_on(place)) continue;
     } catch (const Error& error) {  // something else of this name; the run's may be at the next place
@@ -118,7 +121,8 @@ RunData use_run_data(const std::string& model, std::string& data) {
     remark("ubs: data of the run: {}\n", data);
     return result;
   }
-  fail(ErrorKind::data, "the data folder of the run ('{}') {}: name the data after the model", named, why);
+  fail(ErrorKind::data, "the data folder of the run ('{}') {}: pass the data folder after the model", named,
+       why);
 }
 
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
@@ -133,7 +137,7 @@ TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel
     const bool noted = std::ranges::any_of(model.notes.drawing,
                                            [&](const auto& note) { return note.first == fields[i].key; });
     if (const std::string now = field_text(chosen[i]), then = field_text(fields[i]); noted && now != then)
-      remark("ubs: drawn with {} = {}; the model was learnt with {}\n", fields[i].key, now, then);
+      remark("ubs: rendering with {} = {}, but the model was trained with {}\n", fields[i].key, now, then);
   }
   return settings;
 }

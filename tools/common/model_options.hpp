@@ -33,9 +33,10 @@ struct ModelOptions {
 
 void add_device_option(CLI::App& app, std::string& device);
 
-inline constexpr const char* kRunDataHelp = "data folder or packed file [those that the run was trained on]";
+inline constexpr const char* kRunDataHelp =
+    "data folder or packed file [the data that the run was trained on]";
 inline constexpr const char* kModelHelp =
-    "splat model of any format (docs/data.md), or output folder of ubs train";
+    "model of any format (docs/data.md), or output folder of 'ubs train'";
 // The model of a command: a file, or the output folder of a run for the model in it.
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);

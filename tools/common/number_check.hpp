@@ -20,7 +20,7 @@ CLI::Validator from_to(Number least, Number most) {
       [=](std::string& text) {
         Number value{};
         if (CLI::detail::lexical_cast(text, value) && value >= least && value <= most) return std::string();
-        return fmt::format("choose a {}number from {} to {}, not {}", kWhole ? "whole " : "", least, most,
+        return fmt::format("expected a {}number from {} to {}, not {}", kWhole ? "whole " : "", least, most,
                            text);
       },
       fmt::format("{} in [{} - {}]", kWhole ? "INT" : "FLOAT", least, most));
@@ -33,7 +33,7 @@ inline CLI::Validator above_zero(bool or_zero) {
         if (CLI::detail::lexical_cast(text, value) && std::isfinite(value) &&
             (or_zero ? value >= 0 : value > 0))
           return std::string();
-        return fmt::format("choose a number {}, not {}", or_zero ? "of 0 or more" : "above 0", text);
+        return fmt::format("expected a number {}, not {}", or_zero ? "of 0 or more" : "above 0", text);
       },
       or_zero ? "NONNEGATIVE" : "POSITIVE");
 }

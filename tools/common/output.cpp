@@ -93,7 +93,7 @@ std::string metrics_text(const ViewMetrics& m) {
     text += fmt::format("; with fitted appearance PSNR {:.3f} dB, SSIM {:.4f}", m.fitted->psnr_channel_mean,
                         m.fitted->ssim);
   if (m.posed)
-    text += fmt::format("; from the pose that fits best PSNR {:.3f} dB, SSIM {:.4f}",
+    text += fmt::format("; with the best-fitting pose PSNR {:.3f} dB, SSIM {:.4f}",
                         m.posed->psnr_channel_mean, m.posed->ssim);
   return text;
 }

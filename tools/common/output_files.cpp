@@ -48,7 +48,8 @@ bool is_data_folder(const fs::path& folder, const fs::path& root) {
 }
 
 [[noreturn]] void refuse_data_folder(const fs::path& folder) {
-  fail(ErrorKind::usage, "{}: is a folder of images or cameras of the data; choose another output folder",
+  fail(ErrorKind::usage,
+       "{}: this folder contains images or cameras of the data: choose another output folder",
        folder.string());
 }
 
@@ -60,10 +61,11 @@ void check_files(const Paths& files, const Paths& inputs, bool overwrite) {
   for (const fs::path& file : wanted) {
     for (const fs::path& input : inputs)
       if (!input.empty() && same_file(file, input))
-        fail(ErrorKind::usage, "{}: is the input {}; choose another file to write", file.string(),
+        fail(ErrorKind::usage, "{}: this is the input {}: choose another output file", file.string(),
              input.string());
     if (!seen.insert(resolved_path(file)).second)
-      fail(ErrorKind::usage, "{}: two results cannot go to one file", file.string());
+      fail(ErrorKind::usage, "{}: two results would be written to this file: choose different names",
+           file.string());
   }
   check_free(wanted, overwrite);
 }
@@ -71,14 +73,14 @@ void check_files(const Paths& files, const Paths& inputs, bool overwrite) {
 }  // namespace
 
 void add_overwrite_option(CLI::App& app, bool& overwrite) {
-  app.add_flag("--overwrite", overwrite, "replace files that exist");
+  app.add_flag("--overwrite", overwrite, "replace existing files");
 }
 
 void check_free(const Paths& files, bool overwrite) {
   for (const fs::path& file : files) {
     check_ordinary(file);
     if (!overwrite && path_exists(file))
-      fail(ErrorKind::usage, "{}: exists; choose another name, or replace it with --overwrite",
+      fail(ErrorKind::usage, "{}: already exists: choose another name, or pass --overwrite to replace it",
            file.string());
   }
 }
@@ -98,8 +100,8 @@ void check_apart(const fs::path& folder, const Paths& data) {
     if (lies_in(folder, input) && is_data_folder(folder, input)) refuse_data_folder(folder);
     const char* how = same_file(folder, input) ? "is" : lies_in(input, folder) ? "holds" : nullptr;
     if (how)
-      fail(ErrorKind::usage, "{}: {} the data ({}); choose an output folder apart from them", folder.string(),
-           how, input.string());
+      fail(ErrorKind::usage, "{}: the output folder {} the data folder {}: choose a folder outside it",
+           folder.string(), how, input.string());
   }
 }
 

@@ -50,7 +50,8 @@ double horizontal_fov(double degrees, std::span<const Camera> cameras, const Can
 ImageSize parse_size(const std::string& option, const std::string& text) {
   const std::vector<int> size = numbers<int>(text, 'x');
   if (size.size() != 2 || std::min(size[0], size[1]) < 1 || std::max(size[0], size[1]) > kMaxSize)
-    fail(ErrorKind::usage, "{} {}: write WIDTHxHEIGHT, such as 640x480, at most {}", option, text, kMaxSize);
+    fail(ErrorKind::usage, "{} {}: expected WIDTHxHEIGHT, such as 640x480, each at most {}", option, text,
+         kMaxSize);
   return {size[0], size[1]};
 }
 
@@ -64,7 +65,7 @@ Vec3 parse_vector(const std::string& option, const std::string& text) {
   }
   const std::vector<double> v = numbers<double>(text, ',');
   if (v.size() != 3)
-    fail(ErrorKind::usage, "{} {}: write three numbers X,Y,Z, or an axis such as -y", option, text);
+    fail(ErrorKind::usage, "{} {}: expected three numbers X,Y,Z, or an axis such as -y", option, text);
   return {v[0], v[1], v[2]};
 }
 
@@ -80,42 +81,43 @@ PathOptions::PathOptions(CLI::App& app) {
     options_.push_back(option);
     return option;
   };
-  app.add_option(
-         "--path", path_,
-         "in the place of the views of a split: orbit, spiral, train (along the training cameras), or a "
-         "file of keyframes (docs/view.md)")
+  app.add_option("--path", path_,
+                 "render along this path instead of the views of a split: orbit, spiral, train (along the "
+                 "training cameras), or a file of keyframes (docs/view.md)")
       ->type_name("orbit|spiral|train|FILE.json")
       ->group("Camera path");
-  app.add_option("--hold", hold_, "no path: this view all the time, while --time runs")
+  app.add_option("--hold", hold_, "keep the camera at this view while time advances (instead of --path)")
       ->type_name("K")
       ->check(not_negative())
       ->excludes("--path")
       ->group("Camera path");
   frames_option_ =
-      add("--path-frames", frames_, "pictures along the path [120; without data and --path 4]", "N");
+      add("--path-frames", frames_, "number of images along the path [120; without data and --path 4]", "N");
   frames_option_->check(from_to(1, kMaxFrames));
-  app.add_option("--fps", fps_, "pictures a second of a video [30]")
+  app.add_option("--fps", fps_, "frames per second of the video [30]")
       ->type_name("NUMBER")
       ->check(from_to(0.01, 1000.0));
-  add("--size", size_, "of the pictures [as the data, else 800x600]", "WxH");
-  add("--fov", fov_, "horizontal angle of view in degrees [as the data, else 50]", "NUMBER")
+  add("--size", size_, "size of the images [as in the data, otherwise 800x600]", "WxH");
+  add("--fov", fov_, "horizontal field of view in degrees [as in the data, otherwise 50]", "NUMBER")
       ->check(from_to(1.0, 170.0));
   CLI::Option* loops =
-      add("--loops", loops_, "turns of orbit and spiral; negative: the other way round [1]", "NUMBER");
-  app.add_option(
-         "--time", time_,
-         "a fixed time, also without --path, or the first and the last one [of the keyframes, else 0:1]")
+      add("--loops", loops_, "number of turns of an orbit or spiral; negative: in the other direction [1]",
+          "NUMBER");
+  app.add_option("--time", time_,
+                 "fixed time (also without --path), or first and last time [of the keyframes, otherwise 0:1]")
       ->type_name("T|T0:T1")
       ->group("Camera path");
-  CLI::Option* centre = add("--centre", centre_, "point that an orbit goes around [estimated]", "X,Y,Z");
+  CLI::Option* centre = add("--centre", centre_, "point at the centre of the orbit [estimated]", "X,Y,Z");
   up_option_ = add("--up", up_, kUpHelp, "X,Y,Z|AXIS");
-  CLI::Option* distance =
-      add("--distance", distance_,
-          "of an orbit from the centre [median of the data's cameras, else by the splats]", "NUMBER")
-          ->check(positive());
-  elevation_option_ = add("--elevation", elevation_,
-                          "of an orbit, in degrees [median of the data's cameras, else 20]", "NUMBER")
-                          ->check(from_to(-89.0, 89.0));
+  CLI::Option* distance = add("--distance", distance_,
+                              "distance of the orbit from its centre [median of the cameras of the data, "
+                              "otherwise from the splats]",
+                              "NUMBER")
+                              ->check(positive());
+  elevation_option_ =
+      add("--elevation", elevation_,
+          "elevation of the orbit in degrees [median of the cameras of the data, otherwise 20]", "NUMBER")
+          ->check(from_to(-89.0, 89.0));
   turning_ = {loops, centre, distance, elevation_option_};
 }
 
@@ -134,7 +136,8 @@ void PathOptions::check_unused() const {
 
 void PathOptions::check_no_turn() const {
   for (const CLI::Option* option : turning_)
-    if (option->count() > 0) fail(ErrorKind::usage, "{} is of --path orbit and spiral", option->get_name());
+    if (option->count() > 0)
+      fail(ErrorKind::usage, "{} only applies to --path orbit and --path spiral", option->get_name());
 }
 
 FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
@@ -159,15 +162,16 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
   if (path_ == "spiral") return spiral_path(frame, fov, loops_);
   if (path_ == "train" || suitable) {
     if (cameras.empty())
-      fail(ErrorKind::usage, "--path train: the model does not say where it was seen from; add --data");
+      fail(ErrorKind::usage,
+           "--path train: the model does not list its training cameras: pass the data folder");
     check_no_turn();
     if (up_option_->count() > 0)
-      fail(ErrorKind::usage, "--up: cameras that a path goes along have their own");
+      fail(ErrorKind::usage,
+           "--up does not apply to this path: it follows the orientation of existing cameras");
     return walk_path(cameras, fov);
   }
   if (!path_.ends_with(".json"))
-    fail(ErrorKind::usage, "--path {}: there are orbit, spiral, train and files of keyframes (*.json)",
-         path_);
+    fail(ErrorKind::usage, "--path {}: choose orbit, spiral, train or a file of keyframes (*.json)", path_);
   check_no_turn();
   KeyframeFile file = read_keyframes(path_, {.up = frame.up, .fov = fov, .offset = model.offset});
   return keyframe_path(std::move(file.poses), file.closed, file.has_time);
@@ -180,16 +184,20 @@ std::vector<double> PathOptions::time_range(const MixedModel& model) const {
     return {};
   }
   const std::vector<double> range = time_.empty() ? std::vector{0.0, 1.0} : numbers<double>(time_, ':');
-  if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: write T or T0:T1", time_);
+  if (range.empty() || range.size() > 2) fail(ErrorKind::usage, "--time {}: expected T or T0:T1", time_);
   if (std::ranges::any_of(range, [](double time) { return time < 0 || time > 1; }))
-    warn("--time {}: the model has learnt the times 0 to 1; beyond them it shows what it never saw", time_);
+    warn(
+        "--time {}: the model was trained on times from 0 to 1; outside them the result is not defined by "
+        "the data",
+        time_);
   return range;
 }
 
 std::optional<double> PathOptions::single_time(const MixedModel& model) const {
   if (time_.empty()) return {};
   const std::vector<double> range = time_range(model);
-  if (range.size() != 1) fail(ErrorKind::usage, "--time {}: a range belongs to --path or --hold", time_);
+  if (range.size() != 1)
+    fail(ErrorKind::usage, "--time {}: a range of times requires --path or --hold", time_);
   return range[0];
 }
 
@@ -217,7 +225,7 @@ Canvas PathOptions::canvas(std::span<const Camera> cameras, bool even) const {
 
 Split PathOptions::held(const MixedModel& model, std::span<const Camera> cameras) const {
   if (static_cast<std::size_t>(hold_) >= cameras.size())
-    fail(ErrorKind::usage, "--hold {}: there are {} views", hold_, cameras.size());
+    fail(ErrorKind::usage, "--hold {}: choose a view below {}", hold_, cameras.size());
   const std::vector<double> range = time_range(model);
   if (range.empty()) fail(ErrorKind::usage, "--hold {}: the model does not depend on time", hold_);
   Split split{.name = "path"};

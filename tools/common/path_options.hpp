@@ -20,8 +20,8 @@ ImageSize parse_size(const std::string& option, const std::string& text);
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
-    "upwards in the scene: a vector, or an axis such as -y [mean of the data's cameras, else away from a "
-    "floor, else -y for files of other tools, z for ours]";
+    "up direction of the scene: a vector, or an axis such as -y [mean of the cameras of the data, otherwise "
+    "away from a floor, otherwise -y for third-party files and z for ubs files]";
 // What the format says about a scene: files of other tools have the y of their cameras, which points down.
 FrameHints frame_hints(const LoadedModel& model);
 

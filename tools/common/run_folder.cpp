@@ -67,7 +67,8 @@ std::vector<fs::path> RunFolder::files() const {
 void RunFolder::check_files(bool overwrite) const {
   if (!writes_) return;
   if (!overwrite && path_exists(checkpoint()) && !path_exists(model()))
-    fail(ErrorKind::usage, "{} exists: continue that run with --resume {}, or replace it with --overwrite",
+    fail(ErrorKind::usage,
+         "{} already exists: continue that run with --resume {}, or pass --overwrite to replace it",
          checkpoint().string(), shell_word(folder_.string()));
   check_free(files(), overwrite);
 }
@@ -155,8 +156,8 @@ void RunFolder::log(const StepReport& report) {
       continue;
     }
     if (!warned_)
-      warn("{}: writing failed: {} (disk full?); its rows are kept and tried again", log_file().string(),
-           std::strerror(errno));
+      warn("{}: writing failed: {} (is the disk full?); the rows are kept in memory and written later",
+           log_file().string(), std::strerror(errno));
     warned_ = true;
     ::close(log_);
     log_ = -1;

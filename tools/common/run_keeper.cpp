@@ -15,8 +15,8 @@ Checkpoint open_checkpoint(const fs::path& folder) {
   if (path_exists(run.checkpoint())) return read_checkpoint(run.checkpoint());
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
-         "{}: this run is finished (a model and no checkpoint); the schedule scales with --iterations, so "
-         "that it cannot be made longer: start a new run",
+         "{}: this run is finished (it has a model and no checkpoint) and cannot be extended, because its "
+         "schedule depends on --iterations: start a new run",
          folder.string());
   fail(ErrorKind::data, "{}: no checkpoint.ubs in this folder", folder.string());
 }
@@ -36,8 +36,8 @@ bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
     if (run_.budget.seconds > 0 && folder_.writes()) folder_.write_config(settings);
     write_checkpoint(folder_.checkpoint(), run_, ranks());
   } catch (const Error& error) {
-    warn("no checkpoint at iteration {}: {}; {}", state.iteration, error.what(),
-         saved_ < 0 ? "there is none yet" : fmt::format("the one of iteration {} is kept", saved_));
+    warn("could not write the checkpoint at iteration {}: {}; {}", state.iteration, error.what(),
+         saved_ < 0 ? "there is none yet" : fmt::format("the checkpoint of iteration {} remains", saved_));
     return false;
   }
   saved_ = state.iteration;

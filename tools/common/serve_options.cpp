@@ -8,14 +8,15 @@ namespace ubs::tools {
 
 ServeOptions::ServeOptions(CLI::App& app) {
   option_ = app.add_option("--serve", address_.port,
-                           "show it in a browser, at this port of this machine, 8080 where none is given; "
-                           "0: a free one (docs/web.md)")
+                           "show the training in a browser at this port, 8080 if none is given; 0: any free "
+                           "port (docs/web.md)")
                 ->expected(0, 1)
                 ->default_str(std::to_string(address_.port))
                 ->check(from_to(0, 65535))
                 ->type_name("[PORT]");
-  app.add_option("--serve-host", address_.host,
-                 "address to serve at; beyond this machine pages need the token that is printed [127.0.0.1]")
+  app.add_option(
+         "--serve-host", address_.host,
+         "address to listen on; requests from other machines need the token that is printed [127.0.0.1]")
       ->needs(option_)
       ->type_name("HOST");
 }

@@ -15,8 +15,8 @@ namespace ubs::tools {
 
 // Of --dim where it is chosen by the data unless somebody says otherwise.
 inline constexpr const char* kAutoDimHelp =
-    "dimensions N of a splat: 3, 4 (+time), 6 (+view direction), 7 (+both), further: query values; auto: "
-    "what differs between the training views [auto]";
+    "dimensions N of a splat: 3, 4 (+ time), 6 (+ view direction), 7 (+ both), more: query values; auto: "
+    "chosen from what differs between the training views [auto]";
 
 class SettingsOptions {
  public:

@@ -31,7 +31,7 @@ void failed(int reason) {
   if (failure == 0) failure = reason;
   if (files_first) return;
   if (reader_gone()) throw ReaderGone{};
-  fail(ErrorKind::data, "standard output cannot be written: {}", std::strerror(failure));
+  fail(ErrorKind::data, "cannot write to standard output: {}", std::strerror(failure));
 }
 
 }  // namespace
@@ -74,8 +74,7 @@ int finish_streams(int code, std::string& complaint) {
       failure = reason_of_old_failure();
   }
   if (failure == 0 || (reader_gone() && files_first)) return code;
-  if (!reader_gone())
-    complaint = fmt::format("standard output cannot be written: {}", std::strerror(failure));
+  if (!reader_gone()) complaint = fmt::format("cannot write to standard output: {}", std::strerror(failure));
   return code == 0 ? exit_code(ErrorKind::data) : code;
 }
 

@@ -64,7 +64,7 @@ std::vector<std::string> words_of_help(std::vector<std::string> arguments) {
 // Others would do, and write, everything as often as there are ranks.
 void check_ranks(const CLI::App& command, const CommandEntry& entry) {
   if (ranks().size() > 1 && !entry.runs_on_ranks)
-    fail(ErrorKind::usage, "'{}' is a command of one process: leave out mpirun", full_name(command));
+    fail(ErrorKind::usage, "'{}' runs in one process only: start it without mpirun", full_name(command));
 }
 
 int run(int argc, char** argv) {
@@ -94,7 +94,7 @@ int run(int argc, char** argv) {
   std::vector<std::string> arguments(argv + 1, argv + argc);
   if (arguments.front() == "help") arguments = words_of_help(arguments);
   try {
-    root.parse({arguments.rbegin(), arguments.rend()});
+    root.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return root.exit(error);  // --help, --version
     return report_parse_error(error, root, arguments);

@@ -53,7 +53,7 @@ class ModelPainter {
       const std::vector<DeviceModel>& whole = model_.groups();
       const auto like = std::find_if(whole.begin(), whole.end(),
                                      [&](const DeviceModel& m) { return m.dim() == group.dim; });
-      if (like == whole.end()) fail(ErrorKind::internal, "a part of N = {} of a model without it", group.dim);
+      if (like == whole.end()) fail(ErrorKind::internal, "the model has no group of N = {}", group.dim);
       models.emplace_back(device_, group);
       groups.push_back(
           {&model_.stages(static_cast<std::size_t>(like - whole.begin())), models.back().view()});

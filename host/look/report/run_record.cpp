@@ -90,11 +90,11 @@ void read_settings(RunRecord& run) {
     for (const auto& [key, value] : settings->items())
       take_setting(run, fields, key, setting_text(value), unknown);
   } else {
-    run.remarks.push_back("settings are not known: config.yaml is missing");
+    run.remarks.push_back("settings are unknown: config.yaml is missing");
   }
   if (!unknown.empty())
     run.remarks.push_back(
-        fmt::format("settings that this version does not know as they are: {}", fmt::join(unknown, ", ")));
+        fmt::format("settings that this version does not know: {}", fmt::join(unknown, ", ")));
 }
 
 void read_metrics(RunRecord& run) {
@@ -106,7 +106,7 @@ void read_metrics(RunRecord& run) {
   try {
     run.metrics = parse_own_json(read_text_file(path), path.string());
   } catch (const Error& error) {
-    fail(ErrorKind::data, "{}; delete it for a report without it", error.what());
+    fail(ErrorKind::data, "{}; delete the file to create the report without it", error.what());
   }
 }
 
@@ -144,7 +144,7 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
   const std::vector<std::string> head = fields_of(line);
   Json log = Json::object();
   if (std::find(head.begin(), head.end(), "iteration") == head.end()) {
-    remarks.push_back(origin + " has no column iteration: no curves from it");
+    remarks.push_back(origin + " has no column 'iteration', so the report has no curves");
     return log;
   }
   std::vector<Row> rows;
@@ -159,7 +159,7 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
     while (!rows.empty() && rows.back()[0] >= (*row)[0]) rows.pop_back();
     rows.push_back(*row);
   }
-  if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are left out", origin, bad));
+  if (bad > 0) remarks.push_back(fmt::format("{}: {} rows could not be read and are ignored", origin, bad));
   for (const Row& row : rows)
     for (std::size_t c = 0; c < kColumns.size(); ++c) log[kColumns[c]].push_back(row[c]);
   return log;
@@ -175,15 +175,14 @@ std::vector<fs::path> data_places(const std::string& data, const fs::path& run) 
 RunRecord read_run(const fs::path& folder) {
   if (!path_exists(folder)) fail(ErrorKind::data, "{}: no such folder", folder.string());
   if (!is_folder(folder))
-    fail(ErrorKind::data, "{}: is no folder; a report is made of the output folder of 'ubs train'",
-         folder.string());
+    fail(ErrorKind::data, "{}: not a folder: pass the output folder of 'ubs train'", folder.string());
   RunRecord run;
   run.folder = folder;
   run.name = folder_name(folder);
   const char* files[] = {"model.ply", "metrics.json", "log.csv", "checkpoint.ubs"};
   if (std::none_of(std::begin(files), std::end(files),
                    [&](const char* file) { return path_exists(folder / file); }))
-    fail(ErrorKind::data, "{}: is no output folder of 'ubs train': none of {} is there", folder.string(),
+    fail(ErrorKind::data, "{}: not an output folder of 'ubs train': it contains none of {}", folder.string(),
          fmt::join(files, ", "));
   read_metrics(run);
   read_settings(run);
@@ -192,7 +191,7 @@ RunRecord read_run(const fs::path& folder) {
   if (const fs::path log = folder / "log.csv"; path_exists(log))
     run.log = parse_log(read_text_file(log), "log.csv", run.remarks);
   else
-    run.remarks.push_back("log.csv is missing: no curves");
+    run.remarks.push_back("log.csv is missing: the report has no curves");
   return run;
 }
 

@@ -149,11 +149,11 @@ std::optional<Refusal> refusal(const Site& site, const httplib::Request& request
   const std::string_view name = without_port(host);
   // Where others can connect they need the token, which a page of another name does not know.
   if (site.loopback && name != "localhost" && name != "127.0.0.1" && name != "[::1]" && name != site.host)
-    return Refusal{421, "this server has another name"};
+    return Refusal{421, "wrong Host header for this server"};
   if (!site.token.empty() && !same_token(request.get_param_value("token"), site.token))
-    return Refusal{403, "the address that ubs printed has a token"};
+    return Refusal{403, "missing or wrong token: open the complete address that ubs printed"};
   if (request.has_header("Origin") && origin != "http://" + host)
-    return Refusal{403, "for the page of this server alone"};
+    return Refusal{403, "only the page of this server may send this request"};
   if (request.method != "GET" && request.method != "POST") return Refusal{405, "GET and POST only"};
   // Only bodies of JSON with a length are read: others could be decompressed, or split into parts.
   if (request.has_header("Transfer-Encoding") || request.has_header("Content-Encoding"))
@@ -211,7 +211,8 @@ class Http::Library final : public httplib::Server {
     set_error_handler([](const httplib::Request&, httplib::Response& response) {
       if (!response.body.empty()) return;
       set_line(response, response.status,
-               response.status == 404 ? "there are /, /state and /picture" : "not a request of this server");
+               response.status == 404 ? "unknown path: expected /, /state or /picture"
+                                      : "method not supported by this server");
     });
   }
 

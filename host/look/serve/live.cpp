@@ -146,7 +146,7 @@ void LiveTraining::end() {
 }
 
 std::string LiveTraining::summary() const {
-  return fmt::format("{} pictures in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
+  return fmt::format("{} images in {}, {:.1f} % of the time", own_->pictures, duration_text(own_->spent),
                      100 * own_->spent / own_->begun.seconds());
 }
 

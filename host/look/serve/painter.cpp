@@ -21,7 +21,9 @@ Outcome Painter::Bounded::run(const Operation& operation) {
   const auto* count = std::get_if<CountLists>(&operation);
   if (count == nullptr || count->totals.memory != nullptr) return outcome;  // room that there is already
   if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
-    fail(ErrorKind::memory, "too much to draw: {} splats cover {} tiles of the picture; go farther away",
+    fail(ErrorKind::memory,
+         "the view is too expensive to render: {} splats cover {} tiles of the image: move the camera "
+         "farther away",
          totals.visible, totals.intersections);
   return outcome;
 }

@@ -43,7 +43,8 @@ constexpr auto kBetweenConnections = 20ms;
 
 std::string random_token() {
   std::array<unsigned char, 16> bytes{};
-  if (getentropy(bytes.data(), bytes.size()) != 0) fail(ErrorKind::internal, "no random numbers for a token");
+  if (getentropy(bytes.data(), bytes.size()) != 0)
+    fail(ErrorKind::internal, "cannot get random numbers for a token");
   std::string token;
   for (const unsigned char byte : bytes) token += fmt::format("{:02x}", byte);
   return token;
@@ -58,10 +59,10 @@ PictureRequest read_request(const std::string& body) {
   check_camera(request.camera, "request");
   const std::int64_t width = request.camera.width, height = request.camera.height;
   if (width * height > kMaxPicturePixels || std::max(width, height) > kMaxPictureSide)
-    fail(ErrorKind::data, "request: pictures have at most {} pixels, and {} in a row or column",
+    fail(ErrorKind::data, "request: images can have at most {} pixels, and at most {} in a row or column",
          kMaxPicturePixels, kMaxPictureSide);
   if (const auto exact = json.find("exact"); exact != json.end()) {
-    if (!exact->is_boolean()) fail(ErrorKind::data, "request: exact is true or false");
+    if (!exact->is_boolean()) fail(ErrorKind::data, "request: 'exact' must be true or false");
     request.exact = exact->get<bool>();
   }
   return request;
@@ -120,9 +121,9 @@ struct Server::Implementation {
   // Takes the first address of the host that can be had.
   void open(const Address& address) {
     if (address.host.empty())
-      fail(ErrorKind::usage, "the host to serve at is empty: give a name or an address");
+      fail(ErrorKind::usage, "the host to listen on is empty: pass a name or an address");
     const auto refuse = [&](const char* why) {
-      fail(ErrorKind::usage, "cannot serve on port {} of {}: {}; another port, or 0 for a free one?",
+      fail(ErrorKind::usage, "cannot listen on port {} of {}: {}: choose another port, or 0 for any free one",
            address.port, address.host, why);
     };
     addrinfo hints{};
@@ -241,7 +242,7 @@ struct Server::Implementation {
     std::erase(pending, own);
     if (own->reply) return std::move(*own->reply);
     if (closing) return {.status = 410, .body = "it has ended"};
-    return {.status = 503, .body = "no picture in time: ask again"};
+    return {.status = 503, .body = "the image was not rendered in time: repeat the request"};
   }
 
   void close() {

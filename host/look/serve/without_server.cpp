@@ -6,9 +6,9 @@
 namespace ubs::serve {
 struct Server::Implementation {};
 Server::Server(const Address&) {
-  fail(
-      ErrorKind::usage,
-      "this build has no server for pages in the browser (Debian: libcpp-httplib-dev; cmake -DUBS_SERVE=ON)");
+  fail(ErrorKind::usage,
+       "this build has no HTTP server: install cpp-httplib (Debian: libcpp-httplib-dev) and build with "
+       "-DUBS_SERVE=ON");
 }
 Server::~Server() = default;
 const std::string& Server::url() const {

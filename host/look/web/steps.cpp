@@ -212,7 +212,7 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
     wanted += psnr + kNear / 2 - got;
   }
   if (best.empty())
-    fail(ErrorKind::usage, "no steps keep {} dB over the cameras: a lower --psnr, or --exact", psnr);
+    fail(ErrorKind::usage, "cannot compress the model to {} dB: lower --psnr or pass --exact", psnr);
   return best;
 }
 
@@ -224,7 +224,8 @@ PackedForWeb pack_for_web(std::shared_ptr<Device> device, const MixedModel& mode
                           const std::function<void(const std::string&)>& note) {
   ModelSession session(std::move(device), model, settings, false, true);
   session.renderer().set_cameras(cameras);
-  note(fmt::format("what each parameter does to {} views", std::min(cameras.size(), kSensitiveViews)));
+  note(fmt::format("measuring the effect of each parameter on {} views",
+                   std::min(cameras.size(), kSensitiveViews)));
   const Sensitivity h = sensitivity(session, cameras.size());
   if (levels == 1) {
     const auto round = [&](const std::vector<UbszSteps>& steps) { return rounded_groups(model, steps); };
