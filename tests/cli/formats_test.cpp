@@ -299,7 +299,7 @@ TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", 
   for (const char* arguments : {"info m.ply", "convert m.ply u.ply", "convert m.ply m.spz"})
     CHECK_THAT(ubs_ok(folder, arguments).out, Contains("not used: filter_3D") && Contains("Mip-Splatting"));
   CHECK_THAT(json::parse(ubs_ok(folder, "info m.ply --json").out)["remarks"].dump(), Contains("filter_3D"));
-  CHECK_THAT(ubs_ok(folder, "render m.ply --out r --path-frames 1 --size 20x10").err, Contains("filter_3D"));
+  CHECK_THAT(ubs_ok(folder, "render m.ply --out r --path-frames 2 --size 20x10").err, Contains("filter_3D"));
   // Of a file of ours too.
   put(folder / "v.ply", replaced(get(folder / "u.ply"), "end_header", "property float surplus\nend_header") +
                             std::string(4, 'x'));
