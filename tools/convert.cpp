@@ -132,7 +132,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
     distiller.emplace(open_proved_device(options.device, drawing_use(model, settings, true)), model, settings,
                       std::move(views), options.degree);
   }
-  std::vector<std::string> remarks;
+  std::vector<std::string> remarks = loaded.remarks;
   Json json = Json::object();
   for (int moment = 0; moment < moments; ++moment) {
     if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
@@ -180,7 +180,7 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
             {"indefinite", indefinite},
             {"opacity_change_mean", opacity_mean},
             {"opacity_change_most", opacity_most},
-            {"remarks", Json::array()}};
+            {"remarks", loaded.remarks}};
   if (opacity_most > 0)
     json["remarks"].push_back(fmt::format("opacity changes by {:.2g} on average and by at most {:.2g}",
                                           opacity_mean, opacity_most));
@@ -201,7 +201,7 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
   if (!options.conditioning.empty()) return recondition(options, loaded, settings);
   if (format.ours()) {
     write_mixed_ply(options.to, model, loaded.comments);
-    return {{"splats", model.count()}, {"remarks", Json::array()}};
+    return {{"splats", model.count()}, {"remarks", loaded.remarks}};
   }
   Json json = export_gaussians(options, format, loaded, settings);
   const Background& behind = settings.background;

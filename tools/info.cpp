@@ -202,10 +202,6 @@ Json describe_data(const Dataset& data) {
   return json;
 }
 
-bool is_data(const std::string& path) {
-  return is_folder(path) || is_packed(path) || std::filesystem::path(path).extension() == ".json";
-}
-
 Dataset open_data(const InfoOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
@@ -261,12 +257,11 @@ int run_data(const InfoOptions& options) {
 }
 
 int run(InfoOptions& options) {
-  const std::filesystem::path of_run = std::filesystem::path(options.model) / "model.ply";
-  const bool run = is_folder(options.model) && path_exists(of_run);
-  const bool data = !run && is_data(options.model);
-  if (data) return run_data(options);
+  const std::filesystem::path model =
+      is_packed(options.model) ? std::filesystem::path() : find_splat_model(options.model);
+  if (model.empty()) return run_data(options);
   options.settings.limit({""}, fmt::format("is of data, {} is a model", options.model));
-  const Json info = describe_model(run ? of_run.string() : options.model);
+  const Json info = describe_model(model.string());
   if (options.json) {
     print_json(info);
     return 0;

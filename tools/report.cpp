@@ -78,6 +78,7 @@ RunModel open_run_model(RunRecord& run) {
     LoadedModel loaded = load_splat_model(run.model());
     if (run.settings.background.learnt != Background::Learnt::no)
       run.settings.background = noted_settings(loaded.notes, run.model().string()).background;
+    run.remarks.insert(run.remarks.end(), loaded.remarks.begin(), loaded.remarks.end());
     out.model = std::move(loaded.model);
     out.offset = loaded.offset;
     out.loaded = std::move(loaded);

@@ -41,6 +41,9 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
   }
   splats->offset = offset;
   if (model.variant().lobes() > 0) remarks.push_back(kLobesLost);
+  if (splats->count() == 0 && model.count() > 0)
+    fail(ErrorKind::data, "none of the {} splats can be exported: {}", model.count(),
+         splats->report.skipped.empty() ? "they show nothing" : splats->report.skipped.front().why);
   for (const auto& s : splats->report.skipped)
     remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
   return std::move(*splats);

@@ -122,6 +122,14 @@ void read_sh(std::ifstream& stream, const PlyElement& element, ImportedSplats& s
             unpack_sh(std::to_integer<std::uint8_t>(bytes[i * element.stride + offsets[c * higher + k]]));
 }
 
+// Names what of the chunks and the splats nobody has asked for.
+void note_unused(const PlyElement& element, const std::vector<std::string>& names, LoadReport& report) {
+  std::vector<const PlyProperty*> used;
+  for (const std::string& name : names)
+    if (const PlyProperty* property = element.find(name)) used.push_back(property);
+  for (const std::string& remark : unused_properties(element, used)) report.note(remark);
+}
+
 int degree_of(const PlyElement* sh, const std::string& name) {
   if (!sh) return 0;
   for (int degree = 1; degree <= 3; ++degree)
@@ -154,6 +162,7 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path) {
   ImportedSplats splats;
   splats.sh_degree = degree_of(sh, name);
   splats.offset = offset_comment(header.comments, name);
+  splats.antialiased = antialias_comment(header.comments, splats.report);
   splats.resize(vertex->count);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     const auto word = [&](std::size_t k) { return word_at(bytes, i * vertex->stride + words[k]); };
@@ -169,6 +178,11 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path) {
     splats.opacity_logits[i] = logit_of(unit(packed, 0, 8));
   }
   if (sh) read_sh(stream, *sh, splats, name);
+  std::vector<std::string> bounds;
+  for (const char* quantity : {"x", "y", "z", "scale_x", "scale_y", "scale_z", "r", "g", "b"})
+    for (const char* end : {"min", "max"}) bounds.push_back(fmt::format("{}_{}", end, quantity));
+  note_unused(header.elements[0], bounds, splats.report);
+  note_unused(*vertex, {std::begin(kWords), std::end(kWords)}, splats.report);
   splats.report.layout = "SuperSplat compressed PLY";
   splats.report.folder = name;
   clean(splats);

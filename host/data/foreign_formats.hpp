@@ -17,16 +17,17 @@
 
 namespace ubs {
 
-// Standard 3DGS file: f_dc_*, f_rest_* (channel after channel), scale_*, rot_*, opacity; any order, any
-// further properties. DBS files (method.md 5.2) as well: their lobes are dropped.
+// Standard 3DGS file: f_dc_*, f_rest_* (channel after channel), scale_*, rot_*, opacity; binary or ascii, any
+// order, any number types. Further properties are named in a note. Without scale_2 (2DGS) the splats are
+// flat. DBS files (method.md 5.2) as well: their lobes are dropped.
 ImportedSplats read_gaussian_ply(const std::filesystem::path& path);
 void write_gaussian_ply(const std::filesystem::path& path, const ImportedSplats& splats);
 
 // SuperSplat's compressed PLY: blocks of 256 splats with bounds, four packed words per splat.
 ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 
-// Niantic SPZ, versions 2 and 3 (gzip) and 4 (Zstandard streams). Stored with y up and z backward, turned
-// by half a revolution about x to the axes of PLY files.
+// Niantic SPZ, versions 2 and 3 (with gzip or without) and 4 (Zstandard streams). Stored with y up and z
+// backward, turned by half a revolution about x to the axes of PLY files.
 ImportedSplats read_spz(const std::filesystem::path& path);
 ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);  // v2, v3, unpacked
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);        // version 3
@@ -44,11 +45,18 @@ ImportedSplats read_glb(const std::filesystem::path& path);
 ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& name);
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
 
-// SOG version 2, as a bundle: a ZIP of meta.json and lossless WebP images, a pixel a splat. Axes of PLY
-// files.
+// SOG: meta.json and lossless WebP images, a pixel a splat; a ZIP of them, or the file meta.json in a folder.
+// Axes of PLY files. Versions 2 and 1 are read; a ZIP of version 2 is written.
 ImportedSplats read_sog(const std::filesystem::path& path);
+ImportedSplats load_sog(const std::filesystem::path& path);  // not cleaned: splats keep their numbers
+// Returns the path of a file that another one names. Throws Error(data) where it is not in the same folder.
+std::filesystem::path file_beside(const std::filesystem::path& path, const std::string& member);
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name);
 void write_sog(const std::filesystem::path& path, const ImportedSplats& splats);
+
+// Streamed SOG: lod-meta.json, a tree whose leaves name ranges of SOG files, one a level of detail. The
+// finest level is read, and the environment.
+ImportedSplats read_streamed_sog(const std::filesystem::path& path);
 
 // Signs of the harmonics behind the constant one under a half turn about x: y and z change sign.
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
@@ -84,6 +92,9 @@ inline std::uint64_t spread_bits(std::uint64_t v) {
 
 // "ubs_offset x y z" among the comments of a PLY file; zero when absent. Malformed is an error.
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name);
+// Whether comments of a PLY file say that the splats were trained with antialiasing ("SplatRenderMode: mip"
+// of Brush and gsplat, "antialiased 1" of Postshot; the last one counts), with a note in the report.
+bool antialias_comment(std::span<const std::string> comments, LoadReport& report);
 std::string make_offset_comment(const std::array<double, 3>& offset);
 
 inline float sigmoid_of(float logit) { return 1.0f / (1.0f + std::exp(-logit)); }

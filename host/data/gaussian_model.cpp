@@ -18,9 +18,6 @@ int harmonic_row(const ParameterLayout& l, std::size_t c, std::size_t k) {
   return l.rgb + static_cast<int>(k == 0 ? c : 3 + c * others + k - 1);
 }
 
-// Far below the blur of a pixel, and what the readers accept (imported_splats.cpp).
-constexpr double kMinLogScale = -39;
-
 void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
   const ParameterLayout l = model.layout();
   CovarianceAxes axes;
@@ -35,7 +32,8 @@ void store_axes(ImportedSplats& out, std::size_t i, const SplatModel& model) {
   }
   for (std::size_t k = 0; k < 4; ++k) out.rotations[i][k] = static_cast<float>(axes.rotation[k]);
   for (std::size_t k = 0; k < 3; ++k)
-    out.log_scales[i][k] = static_cast<float>(std::max(0.5 * std::log(axes.variance[k]), kMinLogScale));
+    out.log_scales[i][k] =
+        static_cast<float>(std::max(0.5 * std::log(axes.variance[k]), double{kFlatLogScale}));
 }
 
 }  // namespace

@@ -57,6 +57,7 @@ class Columns {
     return properties_.size() - 1;
   }
 
+  // Leaves the stream behind the rows.
   void read(std::ifstream& stream) {
     table_.resize(properties_.size() * header_.count);
     std::vector<float*> rows;
@@ -66,6 +67,8 @@ class Columns {
 
   float operator()(std::size_t column, std::size_t i) const { return table_[column * header_.count + i]; }
 
+  const std::vector<const PlyProperty*>& properties() const { return properties_; }
+
  private:
   const PlyHeader& header_;
   std::string name_;
@@ -73,7 +76,57 @@ class Columns {
   std::vector<float> table_;
 };
 
+// Types that hold more than the 24 bits of a float32: coordinates of surveyed places need them.
+bool finer_than_float(PlyType type) {
+  return type == PlyType::float64 || type == PlyType::int32 || type == PlyType::uint32;
+}
+
+// Columns that other methods add to those of 3DGS, and what leaving them out means.
+struct KnownColumns {
+  const char* one;
+  const char* meaning;
+};
+constexpr KnownColumns kKnownColumns[] = {
+    {"motion_0", "these are splats of SpacetimeGaussians: their motion is left out, they stand still"},
+    {"filter_3D",
+     "these are splats of Mip-Splatting: its 3D filter is left out; the file that its script "
+     "create_fused_ply.py writes holds it"},
+};
+
+bool is_blank(char c) { return c == ' ' || c == ':' || c == '=' || c == '\t' || c == '\r'; }
+
+// The value behind a key at the start of a comment, in small letters; without regard to case, as other
+// readers do. Empty: another comment.
+std::string value_of(std::string_view comment, std::string_view key) {
+  std::string small(comment);
+  std::ranges::transform(small, small.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c; });
+  std::erase_if(small, [](char c) { return c == '\r'; });
+  const std::size_t begin = small.find_first_not_of(" \t");
+  if (begin == std::string::npos || !std::string_view(small).substr(begin).starts_with(key)) return {};
+  std::size_t at = begin + key.size();
+  if (at < small.size() && !is_blank(small[at])) return {};
+  while (at < small.size() && is_blank(small[at])) ++at;
+  return small.substr(at, small.find_last_not_of(" \t") + 1 - at);
+}
+
 }  // namespace
+
+bool antialias_comment(std::span<const std::string> comments, LoadReport& report) {
+  bool antialiased = false;
+  for (const std::string& comment : comments) {
+    if (const std::string flag = value_of(comment, "antialiased"); !flag.empty())  // Postshot
+      antialiased = flag != "0" && flag != "false";
+    const std::string mode = value_of(comment, "splatrendermode");  // Brush, gsplat
+    if (mode.empty()) continue;
+    antialiased = mode == "mip" || mode == "antialiased";
+    if (!antialiased && mode != "default" && mode != "classic" && mode != "2dgs")
+      report.note(
+          fmt::format("the comment '{}' is not used: this render mode is not known", comment.substr(0, 80)));
+  }
+  if (antialiased) report.note("trained with antialiasing");
+  return antialiased;
+}
 
 std::array<double, 3> offset_comment(std::span<const std::string> comments, const std::string& name) {
   for (const std::string& comment : comments) {
@@ -100,7 +153,7 @@ std::string make_offset_comment(const std::array<double, 3>& o) {
 ImportedSplats read_gaussian_ply(const fs::path& path) {
   const std::string name = path.string();
   PlyHeader header;
-  std::ifstream stream = open_ply(path, header);
+  std::ifstream stream = open_ply(path, header, true);
   const bool dbs = header.find("sh0_0") != nullptr;
   const Names names = names_of(dbs ? SpatialKernel::beta : SpatialKernel::gaussian);
   const std::size_t rest = count_numbered(header, names.rest);
@@ -110,9 +163,13 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.sh_degree = degree_of_rest(rest, name);
   splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
+  splats.antialiased = antialias_comment(header.comments, splats.report);
+  // 2DGS has discs: two scales. What lacks other columns as well is no such file, and its message names them.
+  const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
+  if (flat) splats.report.note("no scale_2: these are flat splats, as 2D Gaussian Splatting has them");
   Columns columns(header, name);
-  for (const char* property :
-       {"x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"})
+  for (const char* property : {"x", "y", "z", "scale_0", "scale_1", flat ? "scale_1" : "scale_2", "rot_0",
+                               "rot_1", "rot_2", "rot_3", "opacity"})
     columns.add(property);
   const std::size_t beta = dbs ? columns.add("beta") : 0;
   const std::size_t dc = columns.add(names.dc + "0");
@@ -120,13 +177,14 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   for (std::size_t i = 0; i < rest; ++i) columns.add(names.rest + std::to_string(i));
   const std::size_t lobes = dc + 3 + rest;
   for (std::size_t i = 0; i < splats.lobe_values(); ++i) columns.add("sb_params_" + std::to_string(i));
+  const auto rows = stream.tellg();
   columns.read(stream);
 
   splats.resize(header.count);
   const std::size_t coefficients = splats.coefficients(), higher = coefficients - 1;
   for (std::size_t i = 0; i < header.count; ++i) {
     splats.positions[i] = {columns(0, i), columns(1, i), columns(2, i)};
-    splats.log_scales[i] = {columns(3, i), columns(4, i), columns(5, i)};
+    splats.log_scales[i] = {columns(3, i), columns(4, i), flat ? kFlatLogScale : columns(5, i)};
     splats.rotations[i] = {columns(6, i), columns(7, i), columns(8, i), columns(9, i)};
     splats.opacity_logits[i] = columns(10, i);
     if (dbs) splats.betas[i] = columns(beta, i);
@@ -141,6 +199,21 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.report.layout = dbs ? "DBS PLY" : "3DGS PLY";
   splats.report.folder = name;
   if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
+  const std::vector<const PlyProperty*> used = columns.properties();
+  if (std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
+    std::array<std::vector<double>, 3> coordinates;
+    for (auto& axis : coordinates) axis.resize(header.count);
+    stream.clear();
+    stream.seekg(rows);
+    read_ply_rows(stream, header, {used[0], used[1], used[2]},
+                  std::vector<double*>{coordinates[0].data(), coordinates[1].data(), coordinates[2].data()},
+                  name, NonFinite::keep);
+    place(splats, coordinates);
+  }
+  for (const std::string& remark : unused_properties(header, used)) splats.report.note(remark);
+  for (const KnownColumns& known : kKnownColumns)
+    if (header.find(known.one)) splats.report.note(known.meaning);
+  for (const std::string& remark : unused_elements(header, 1)) splats.report.note(remark);
   clean(splats);
   return splats;
 }
@@ -152,6 +225,7 @@ void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
   std::string header = "ply\nformat binary_little_endian 1.0\n";
   if (splats.offset != std::array<double, 3>{})
     header += "comment " + make_offset_comment(splats.offset) + "\n";
+  if (splats.antialiased) header += "comment SplatRenderMode: mip\n";  // as Brush and gsplat write it
   header += fmt::format("element vertex {}\n", splats.count());
   const auto property = [&header](const std::string& p) { header += "property float " + p + "\n"; };
   const auto numbered = [&](const std::string& stem, std::size_t count) {

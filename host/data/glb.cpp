@@ -177,6 +177,49 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
   return values;
 }
 
+std::string range_text(std::span<const float> values) {
+  const auto [low, high] = std::ranges::minmax(values);
+  return fmt::format("{:.4g} to {:.4g}", low, high);
+}
+
+// Returns the logarithms of the scales. The extension has them linear; exporters that followed an early draft
+// wrote logarithms, which are negative for all splats smaller than one unit.
+std::vector<float> log_scales_of(std::vector<float> scales, const std::string& where, LoadReport& report) {
+  const auto negative =
+      static_cast<std::size_t>(std::ranges::count_if(scales, [](float v) { return v < 0; }));
+  if (2 * negative > scales.size()) {
+    report.note(fmt::format("{}: scales from {} are taken as logarithms: the extension has linear ones",
+                            where, range_text(scales)));
+    return scales;
+  }
+  if (negative > 0)
+    fail(ErrorKind::data,
+         "{}: scales from {}: neither linear ones, as the extension has them, nor logarithms", where,
+         range_text(scales));
+  for (float& v : scales) v = std::log(v);
+  return scales;
+}
+
+void check_opacities(std::span<const float> opacities, const std::string& where) {
+  constexpr float kRounding = 1e-5f;
+  if (std::ranges::any_of(opacities, [](float v) { return v < -kRounding || v > 1 + kRounding; }))
+    fail(ErrorKind::data, "{}: opacities from {}: the extension has 0 to 1 (are these logits?)", where,
+         range_text(opacities));
+}
+
+// Names the attributes that nobody reads, and how many primitives have no splats. COLOR_0 is what a viewer
+// without the extension shows.
+void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
+  std::vector<std::string> used{"POSITION", "COLOR_0", attribute("ROTATION"), attribute("SCALE"),
+                                attribute("OPACITY")};
+  for (int degree = 0; degree <= sh_degree; ++degree)
+    for (int order = 0; order < 2 * degree + 1; ++order) used.push_back(sh_name(degree, order));
+  std::vector<std::string> others;
+  for (const auto& [key, value] : attributes.items())
+    if (std::ranges::find(used, key) == used.end()) others.push_back(key);
+  if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
+}
+
 ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const std::string& name) {
   const Json& attributes = primitive.at("attributes");
   const std::size_t positions = attributes.at("POSITION").get<std::size_t>();
@@ -187,8 +230,14 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const s
     return read_accessor(glb, attributes.at(key).get<std::size_t>(), width, count, name);
   };
   const std::vector<float> place = get("POSITION", 3), rotation = get(attribute("ROTATION"), 4),
-                           scale = get(attribute("SCALE"), 3), opacity = get(attribute("OPACITY"), 1);
+                           opacity = get(attribute("OPACITY"), 1);
+  const auto accessor = [&](const char* key) {
+    return fmt::format("{}: accessor {} ({})", name, attributes.at(attribute(key)).get<std::size_t>(), key);
+  };
   ImportedSplats splats;
+  const std::vector<float> scale =
+      log_scales_of(get(attribute("SCALE"), 3), accessor("SCALE"), splats.report);
+  check_opacities(opacity, accessor("OPACITY"));
   while (splats.sh_degree < 3 && attributes.contains(sh_name(splats.sh_degree + 1, 0))) ++splats.sh_degree;
   splats.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -196,7 +245,7 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const s
     const float* const q = &rotation[4 * i];
     splats.positions[i] = {p[0], -p[1], -p[2]};
     splats.rotations[i] = {q[3], q[0], -q[1], -q[2]};
-    for (std::size_t k = 0; k < 3; ++k) splats.log_scales[i][k] = std::log(scale[3 * i + k]);
+    for (std::size_t k = 0; k < 3; ++k) splats.log_scales[i][k] = scale[3 * i + k];
     splats.opacity_logits[i] = logit_of(opacity[i]);
   }
   std::size_t coefficient = 0;
@@ -208,6 +257,7 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const s
         for (std::size_t c = 0; c < 3; ++c)
           splats.sh[(i * splats.coefficients() + coefficient) * 3 + c] = sign * values[3 * i + c];
     }
+  note_unused(attributes, splats.sh_degree, splats.report);
   return splats;
 }
 
@@ -310,11 +360,16 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
   const GlbFile glb = open_glb(file, name);
   std::optional<ImportedSplats> splats;
   std::string linear;
+  std::size_t without = 0;
+  bool animated = false;
   try {
     const Json& meshes = glb.json.at("meshes");
     for (std::size_t m = 0; m < meshes.size(); ++m)
       for (const Json& primitive : meshes[m].at("primitives")) {
-        if (!primitive.contains("extensions") || !primitive["extensions"].contains(kSplatting)) continue;
+        if (!primitive.contains("extensions") || !primitive["extensions"].contains(kSplatting)) {
+          ++without;
+          continue;
+        }
         const Json& extension = primitive["extensions"][kSplatting];
         if (const auto kernel = extension.value("kernel", "ellipse");
             kernel != "ellipse" || extension.contains("extensions"))
@@ -323,19 +378,24 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
         if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
         ImportedSplats part = read_primitive(glb, primitive, name);
         part.offset = place_of_mesh(glb.json, m, name);
-        if (splats && (splats->sh_degree != part.sh_degree || splats->offset != part.offset))
-          fail(ErrorKind::data, "{}: primitives of different degrees or places are not supported", name);
+        if (splats && splats->offset != part.offset)
+          fail(ErrorKind::data, "{}: primitives of different places are not supported", name);
         if (splats)
           append(*splats, part);
         else
           splats = std::move(part);
       }
+    animated = glb.json.contains("animations") && !glb.json["animations"].empty();
   } catch (const nlohmann::json::exception& error) {
     fail(ErrorKind::data, "{}: the JSON does not fit: {}", name, error.what());
   } catch (const std::out_of_range&) {
     fail(ErrorKind::data, "{}: the JSON names what does not exist", name);
   }
-  if (!splats) fail(ErrorKind::data, "{}: no primitive has {}", name, kSplatting);
+  if (!splats)
+    fail(ErrorKind::data, "{}: a glTF file of {} primitives, none with splats ({})", name, without,
+         kSplatting);
+  if (without > 0) splats->report.note(fmt::format("{} primitives without splats are not used", without));
+  if (animated) splats->report.note("animations are not used: the splats stand still");
   splats->report.layout = "glTF";
   splats->report.folder = name;
   if (!linear.empty())

@@ -12,6 +12,8 @@ namespace ubs {
 namespace {
 
 constexpr float kMaxLogScale = 40;  // e^40 = 2e17; its square still fits float32
+// As for data folders (load_dataset.cpp): the ratio of distance to size from which float32 rounds visibly.
+constexpr double kFarSplats = 256;
 
 template <typename Array>
 bool finite(const Array& values) {
@@ -21,7 +23,7 @@ bool finite(const Array& values) {
 // Why the splat cannot be shown; null when it can.
 const char* fault(const ImportedSplats& s, std::size_t i) {
   if (!finite(s.positions[i])) return "position not finite";
-  if (!std::ranges::all_of(s.log_scales[i], [](float v) { return std::abs(v) < kMaxLogScale; }))
+  if (!std::ranges::all_of(s.log_scales[i], [](float v) { return v < kMaxLogScale; }))  // NaN is not
     return "scale not finite or absurd";
   float norm = 0;
   for (const float q : s.rotations[i]) norm += q * q;
@@ -33,6 +35,16 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
   if (!tame(s.sh, 3 * s.coefficients()) || !tame(s.sb, s.lobe_values())) return "colour not finite or absurd";
   if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or absurd";
   return nullptr;
+}
+
+// Adds harmonics that are zero.
+void raise_degree(ImportedSplats& s, int degree) {
+  const std::vector<float> old = std::move(s.sh);
+  const std::size_t before = 3 * s.coefficients();
+  s.sh_degree = degree;
+  s.sh.assign(s.count() * 3 * s.coefficients(), 0.0f);
+  for (std::size_t i = 0; i < s.count(); ++i)
+    std::ranges::copy(std::span(old).subspan(i * before, before), &s.sh[i * 3 * s.coefficients()]);
 }
 
 }  // namespace
@@ -48,6 +60,12 @@ void ImportedSplats::resize(std::size_t count) {
 }
 
 void append(ImportedSplats& splats, const ImportedSplats& more) {
+  if (splats.sh_degree < more.sh_degree) raise_degree(splats, more.sh_degree);
+  if (more.sh_degree < splats.sh_degree) {
+    ImportedSplats raised = more;
+    raise_degree(raised, splats.sh_degree);
+    return append(splats, raised);
+  }
   const auto join = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
   join(splats.positions, more.positions);
   join(splats.log_scales, more.log_scales);
@@ -57,6 +75,60 @@ void append(ImportedSplats& splats, const ImportedSplats& more) {
   join(splats.sb, more.sb);
   join(splats.betas, more.betas);
   for (const LoadReport::Skipped& skipped : more.report.skipped) splats.report.add(skipped);
+  for (const std::string& note : more.report.notes) splats.report.note(note);
+}
+
+ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::size_t count) {
+  ImportedSplats part;
+  part.kernel = splats.kernel;
+  part.sh_degree = splats.sh_degree;
+  part.lobes = splats.lobes;
+  part.antialiased = splats.antialiased;
+  part.offset = splats.offset;
+  part.report = splats.report;
+  const auto cut = [first, count](auto& to, const auto& from, std::size_t n) {
+    const auto begin = from.begin() + static_cast<std::ptrdiff_t>(first * n);
+    to.assign(begin, begin + static_cast<std::ptrdiff_t>(count * n));
+  };
+  cut(part.positions, splats.positions, 1);
+  cut(part.log_scales, splats.log_scales, 1);
+  cut(part.rotations, splats.rotations, 1);
+  cut(part.opacity_logits, splats.opacity_logits, 1);
+  cut(part.sh, splats.sh, 3 * splats.coefficients());
+  cut(part.sb, splats.sb, splats.lobe_values());
+  if (!splats.betas.empty()) cut(part.betas, splats.betas, 1);
+  return part;
+}
+
+void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates) {
+  // Medians: a few splats far away, such as those of a sky, say nothing about where the scene is.
+  std::array<double, 3> centre{};
+  double distance = 0, size = 0;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto median = [](std::vector<double> values) {
+      std::erase_if(values, [](double v) { return !std::isfinite(v); });
+      if (values.empty()) return 0.0;
+      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+      std::ranges::nth_element(values, middle);
+      return *middle;
+    };
+    centre[k] = median(coordinates[k]);
+    std::vector<double> deviations = coordinates[k];
+    for (double& v : deviations) v = std::abs(v - centre[k]);
+    size = std::max(size, median(std::move(deviations)));
+    distance = std::hypot(distance, centre[k]);
+  }
+  const bool far = distance > kFarSplats * size && distance < 1e15;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double origin = far ? std::round(centre[k]) : 0;
+    splats.offset[k] += origin;
+    for (std::size_t i = 0; i < splats.count(); ++i)
+      splats.positions[i][k] = static_cast<float>(coordinates[k][i] - origin);
+  }
+  if (far)
+    splats.report.note(
+        fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
+                    splats.offset[0], splats.offset[1], splats.offset[2]));
 }
 
 void clean(ImportedSplats& s) {
@@ -70,7 +142,7 @@ void clean(ImportedSplats& s) {
       continue;
     }
     s.positions[kept] = s.positions[i];
-    s.log_scales[kept] = s.log_scales[i];
+    for (std::size_t k = 0; k < 3; ++k) s.log_scales[kept][k] = std::max(s.log_scales[i][k], kFlatLogScale);
     float norm = 0;
     for (const float q : s.rotations[i]) norm += q * q;
     for (std::size_t k = 0; k < 4; ++k) s.rotations[kept][k] = s.rotations[i][k] / std::sqrt(norm);

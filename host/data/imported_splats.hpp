@@ -38,14 +38,28 @@ struct ImportedSplats {
   void resize(std::size_t count);  // sets the size of every array from sh_degree, lobes and kernel
 };
 
-inline constexpr float kMaxLogit = 16;                // sigmoid rounds to 1 in float32 beyond it
+inline constexpr float kMaxLogit = 16;  // sigmoid rounds to 1 in float32 beyond it
+// The log scale of a flat axis. A file may say -inf or any smaller number; e^-39 is 1e-17, whose square
+// float32 still holds, and the formulas raise it to their least share of the largest scale
+// (kernels/limits.h).
+inline constexpr float kFlatLogScale = -39;
 inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
 
-// Adds splats of the same kernel, degree and lobes behind these, and what was skipped of them.
+// Adds splats of the same kernel and lobes behind these, and what was skipped and noted of them. The
+// harmonics get the higher of the two degrees.
 void append(ImportedSplats& splats, const ImportedSplats& more);
 
-// Normalises the quaternions, limits the opacities, and drops splats that no renderer could show:
-// non-finite values, zero quaternions, absurd scales. Counted in the report.
+// Keeps the splats from `first` on, `count` of them.
+ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::size_t count);
+
+// Sets the positions, one vector of coordinates an axis. Where they are so far from the origin that float32
+// would round them, they become relative to a whole-numbered offset, which is added to `splats.offset`, and a
+// note says so.
+void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates);
+
+// Normalises the quaternions, limits the opacities, raises vanishing scales to kFlatLogScale (such splats are
+// discs), and drops splats that no renderer could show: non-finite values, zero quaternions, absurd scales.
+// Counted in the report.
 void clean(ImportedSplats& splats);
 
 }  // namespace ubs

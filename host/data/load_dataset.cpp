@@ -17,6 +17,7 @@
 #include "host/data/data_root.hpp"
 #include "host/data/image.hpp"
 #include "host/data/packed.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/data/view_names.hpp"
 #include "host/scene/extent.hpp"
 
@@ -167,7 +168,10 @@ std::string detect_layout(const fs::path& path) {
   if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
   for (const Layout& layout : kLayouts)
     if (layout.recognise(path)) return std::string(layout.name);
-  if (!is_folder(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
+  if (!is_folder(path)) {
+    const std::string what = describe_file(path);
+    fail(ErrorKind::data, "{}: {}", path.string(), what.empty() ? "no data folder" : what);
+  }
   refuse_further_models(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)

@@ -215,7 +215,8 @@ void write_groups(const std::filesystem::path& path, std::span<const SplatModel>
 
 }  // namespace
 
-MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
+MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments,
+                          std::vector<std::string>* remarks) {
   const std::string name = path.string();
   PlyHeader header;
   std::ifstream stream = open_ply(path, header);
@@ -231,6 +232,7 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
       for (const std::string& line : lines) comments->push_back(decode_text(line));
     return taken;
   }();
+  if (remarks) *remarks = unused_elements(header, elements.size());
   MixedModel model{std::vector<SplatModel>{}};
   for (const PlyElement& element : elements) {
     const int dim = infer_dimension(element, name);
@@ -240,6 +242,9 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
     std::vector<float*> rows;
     for (int r = 0; r < group.layout().count; ++r) rows.push_back(group.row(r).data());
     read_ply_rows(stream, header, properties, rows, name);
+    if (remarks)
+      for (std::string& remark : unused_properties(element, properties))
+        remarks->push_back(std::move(remark));
   }
   return model;
 }

@@ -21,8 +21,10 @@ namespace ubs {
 // An unknown switch or value, or properties that do not fit the switches, are an error, and so are groups.
 SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);
 
-// A model of one or several groups.
-MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);
+// Reads a model of one or several groups. `remarks`, when given, receives a sentence for each part of the
+// file that the model does not use: properties of no known name, and further elements.
+MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr,
+                          std::vector<std::string>* remarks = nullptr);
 
 // Byte for byte what the published code writes, plus one comment line per entry of `comments`
 // (official readers ignore them). A non-finite value is an error: nothing is written.

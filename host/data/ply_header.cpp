@@ -2,13 +2,17 @@
 // See ply_header.hpp.
 #include "host/data/ply_header.hpp"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <sstream>
+#include <utility>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -69,6 +73,12 @@ double load_number(const std::byte* from, PlyType type) {
   return 0;
 }
 
+// Some programs write blanks behind the words of the header.
+std::string_view trimmed(std::string_view line) {
+  const std::size_t first = line.find_first_not_of(" \t"), last = line.find_last_not_of(" \t");
+  return first == std::string_view::npos ? std::string_view() : line.substr(first, last - first + 1);
+}
+
 // Reads header lines until end_header.
 class HeaderParser {
  public:
@@ -76,10 +86,10 @@ class HeaderParser {
       : stream_(stream), name_(std::move(name)), allow_ascii_(allow_ascii) {}
 
   PlyHeader parse() {
-    if (next_line() != "ply") fail(ErrorKind::data, "{}: not a PLY file", name_);
+    if (trimmed(next_line()) != "ply") fail(ErrorKind::data, "{}: not a PLY file", name_);
     while (true) {
       const std::string line = next_line();
-      if (line == "end_header") break;
+      if (trimmed(line) == "end_header") break;
       parse_line(line);
     }
     if (!format_seen_) fail(ErrorKind::data, "{}: PLY header has no format line", name_);
@@ -104,15 +114,15 @@ class HeaderParser {
     std::istringstream words(line);
     std::string keyword;
     words >> keyword;
-    if (keyword == "comment") {
-      header_.comments.push_back(line.substr(std::min<std::size_t>(line.size(), 8)));
+    if (keyword == "comment" || keyword == "obj_info") {
+      header_.comments.push_back(line.substr(std::min(line.size(), line.find(keyword) + keyword.size() + 1)));
     } else if (keyword == "format") {
       parse_format(words);
     } else if (keyword == "element") {
       parse_element(words);
     } else if (keyword == "property") {
       parse_property(words);
-    } else if (keyword != "obj_info") {
+    } else if (!keyword.empty()) {
       fail(ErrorKind::data, "{}: unknown PLY header line '{}'", where(), line.substr(0, 60));
     }
   }
@@ -312,6 +322,47 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
                    const std::string& file_name, NonFinite non_finite) {
   read_rows(stream, header, properties, rows, file_name, non_finite);
+}
+
+std::string list_names(const std::vector<std::string>& names) {
+  // "motion_8" is "motion_" and 8; a name without a number stands alone.
+  const auto parts = [](const std::string& name) {
+    const std::size_t last = name.find_last_not_of("0123456789");
+    const std::size_t stem = last == std::string::npos ? 0 : last + 1;
+    std::size_t number = 0;
+    const auto result = std::from_chars(name.data() + stem, name.data() + name.size(), number);
+    return std::pair(name.substr(0, stem), result.ec == std::errc() ? std::optional(number) : std::nullopt);
+  };
+  std::vector<std::string> runs;
+  for (std::size_t i = 0, next = 0; i < names.size(); i = next) {
+    const auto [stem, first] = parts(names[i]);
+    for (next = i + 1; next < names.size() && first; ++next)
+      if (const auto [other, number] = parts(names[next]); other != stem || number != *first + (next - i))
+        break;
+    runs.push_back(next - i > 2 ? names[i] + " to " + names[next - 1] : names[i]);
+    if (next - i == 2) next = i + 1;
+  }
+  return fmt::format("{}", fmt::join(runs, ", "));
+}
+
+std::vector<std::string> unused_properties(const PlyElement& element,
+                                           const std::vector<const PlyProperty*>& used) {
+  std::vector<std::string> names;
+  for (const PlyProperty& property : element.properties) {
+    const bool normal = property.name == "nx" || property.name == "ny" || property.name == "nz";
+    const auto same = [&](const PlyProperty* other) { return other->name == property.name; };
+    if (!normal && std::ranges::none_of(used, same)) names.push_back(property.name);
+  }
+  if (names.empty()) return {};
+  return {fmt::format("properties of element '{}' that are not used: {}", element.name, list_names(names))};
+}
+
+std::vector<std::string> unused_elements(const PlyHeader& header, std::size_t used) {
+  std::vector<std::string> remarks;
+  for (std::size_t e = used; e < header.elements.size(); ++e)
+    remarks.push_back(
+        fmt::format("element '{}' ({} rows) is not used", header.elements[e].name, header.elements[e].count));
+  return remarks;
 }
 
 std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& element,

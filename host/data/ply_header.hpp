@@ -33,7 +33,7 @@ struct PlyElement {
 
 // The first element is also found directly in the header: splat files and point clouds have no other.
 struct PlyHeader : PlyElement {
-  std::vector<std::string> comments;
+  std::vector<std::string> comments;  // and the lines obj_info, which some programs use for the same
   std::vector<PlyElement> elements;
   bool ascii = false;
   std::size_t lines = 0;  // of the header, for messages about ascii rows
@@ -57,6 +57,16 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
 void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
                    const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
+
+// Lists names for a message; numbered names that follow one another become "motion_0 to motion_8".
+std::string list_names(const std::vector<std::string>& names);
+
+// Returns a sentence for what a reader that takes only `used` leaves out of an element: its other properties.
+// Normals are not mentioned: 3DGS files have them, always zero, and no splat has a use for them.
+std::vector<std::string> unused_properties(const PlyElement& element,
+                                           const std::vector<const PlyProperty*>& used);
+// The same for the elements behind the first `used`, such as the faces of a mesh.
+std::vector<std::string> unused_elements(const PlyHeader& header, std::size_t used);
 
 // The rows of a binary element as they are in the file; row i starts at byte i * stride.
 std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& element,

@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// SOG version 2; see foreign_formats.hpp. A pixel of each image belongs to one splat, row by row: positions
-// in two bytes an axis between bounds, after sign(v) ln(|v| + 1); log scales and constant harmonics as
-// indices of books of 256 numbers; quaternions as their three smallest components; further harmonics as an
-// index of a palette, 64 entries a row, a pixel a harmonic, whose bytes are indices of a third book.
+// SOG versions 2 and 1; see foreign_formats.hpp. A pixel of each image belongs to one splat, row by row:
+// positions in two bytes an axis between bounds, after sign(v) ln(|v| + 1); log scales and constant harmonics
+// as indices of books of 256 numbers; quaternions as their three smallest components; further harmonics as an
+// index of a palette, 64 entries a row, a pixel a harmonic, whose bytes are indices of a third book. Version
+// 1 has bounds in the place of books, between which bytes are equal steps, and logits of opacities.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <numeric>
 #include <queue>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/webp.hpp"
 #include "host/data/zip.hpp"
@@ -24,6 +27,9 @@ constexpr int kBookRounds = 20;
 constexpr int kFirstMode = 252;             // alpha of a quaternion whose w is the largest
 constexpr std::size_t kSplatsAByte = 1000;  // of a file, more make no sense
 constexpr std::size_t kSparePixels = 1 << 20;
+// What meta.json may hold: the rest is named in a note.
+constexpr std::string_view kKnownKeys[] = {"version", "asset",  "count", "antialias", "model",
+                                           "means",   "scales", "quats", "sh0",       "shN"};
 
 double sog_log(double v) { return std::copysign(std::log1p(std::abs(v)), v); }
 double sog_exp(double v) { return std::copysign(std::expm1(std::abs(v)), v); }
@@ -171,33 +177,78 @@ class SplatImage {
 
 // ---- Reading ----
 
+// Returns numbers of meta.json, at least `least` of them. Exporters write null for infinity and NaN.
+std::vector<double> numbers_of(const Json& array, std::size_t least, const std::string& where) {
+  if (!array.is_array() || array.size() < least)
+    fail(ErrorKind::data, "{}: an array of {} numbers is needed", where, least);
+  std::vector<double> numbers;
+  for (const Json& number : array) {
+    if (!number.is_number())
+      fail(ErrorKind::data, "{}[{}] is {}: a number is needed", where, numbers.size(), number.type_name());
+    numbers.push_back(number.get<double>());
+  }
+  return numbers;
+}
+
+// Returns the bytes of the file that meta.json names.
+using SogFiles = std::function<std::vector<std::byte>(const std::string& member)>;
+
 struct SogImages {
-  const ZipReader& zip;
+  const SogFiles& files;
   const Json& meta;
   const std::string& name;
 
+  int version() const { return meta.contains("version") ? meta["version"].get<int>() : 1; }
+  std::size_t count() const {
+    return (version() == 1 ? meta.at("means").at("shape").at(0) : meta.at("count")).get<std::size_t>();
+  }
   Rgba8 get(const char* group, std::size_t file, std::size_t least) const {
     const auto member = meta.at(group).at("files").at(file).get<std::string>();
-    Rgba8 image = decode_webp(zip.get(member), 4 * least + kSparePixels, fmt::format("{}: {}", name, member));
+    Rgba8 image = decode_webp(files(member), 4 * least + kSparePixels, fmt::format("{}: {}", name, member));
     if (image.rgba.size() / 4 < least)
       fail(ErrorKind::data, "{}: {}: {} pixels, {} are needed", name, member, image.rgba.size() / 4, least);
     return image;
   }
-  std::vector<float> book(const char* group) const {
-    auto values = meta.at(group).at("codebook").get<std::vector<float>>();
-    values.resize(kBook);  // an index beyond those of the file means zero
+  std::vector<double> numbers(const char* group, const char* key, std::size_t least) const {
+    return numbers_of(meta.at(group).at(key), least, fmt::format("{}: meta.json: {}.{}", name, group, key));
+  }
+  // What each byte of a channel stands for.
+  std::vector<float> book(const char* group, std::size_t channel = 0) const {
+    std::vector<float> values(kBook);  // an index beyond those of the file means zero
+    if (version() == 2) {
+      const std::vector<double> book = numbers(group, "codebook", 1);
+      for (std::size_t b = 0; b < std::min(kBook, book.size()); ++b) values[b] = static_cast<float>(book[b]);
+      return values;
+    }
+    const auto bound = [&](const char* key) {  // of all channels in one, for the further harmonics
+      const Json& bounds = meta.at(group).at(key);
+      return bounds.is_number() ? bounds.get<double>() : numbers(group, key, channel + 1)[channel];
+    };
+    const double low = bound("mins"), high = bound("maxs");
+    for (std::size_t b = 0; b < kBook; ++b)
+      values[b] = static_cast<float>(std::lerp(low, high, static_cast<double>(b) / (kBook - 1)));
     return values;
   }
 };
 
+// The degree of harmonics that version 1 says by the width of its palette alone.
+int degree_of_palette(const Rgba8& palette, const std::string& name) {
+  for (int degree = 1; degree <= 3; ++degree)
+    if (palette.width == static_cast<int>(kPaletteRow) * ((degree + 1) * (degree + 1) - 1)) return degree;
+  fail(ErrorKind::data, "{}: the palette is {} pixels wide: no number of harmonics", name, palette.width);
+}
+
 void read_harmonics(const SogImages& images, ImportedSplats& splats) {
   const Json& meta = images.meta.at("shN");
   const std::size_t higher = splats.coefficients() - 1, n = splats.count();
-  const auto entries = meta.at("count").get<std::size_t>();
-  if (entries > kPalette) fail(ErrorKind::data, "{}: a palette of {} harmonics", images.name, entries);
+  // Version 1 does not say how many.
+  const std::size_t promised = images.version() == 1 ? kPaletteRow : meta.at("count").get<std::size_t>();
+  if (promised > kPalette) fail(ErrorKind::data, "{}: a palette of {} harmonics", images.name, promised);
   const std::vector<float> book = images.book("shN");
-  const std::size_t rows = (entries + kPaletteRow - 1) / kPaletteRow;
+  const std::size_t rows = (promised + kPaletteRow - 1) / kPaletteRow;
   const Rgba8 palette = images.get("shN", 0, rows * kPaletteRow * higher), labels = images.get("shN", 1, n);
+  const std::size_t entries =
+      images.version() == 1 ? static_cast<std::size_t>(palette.height) * kPaletteRow : promised;
   if (static_cast<std::size_t>(palette.width) != kPaletteRow * higher)
     fail(ErrorKind::data, "{}: the palette is {} pixels wide, {} are needed", images.name, palette.width,
          kPaletteRow * higher);
@@ -213,22 +264,28 @@ void read_harmonics(const SogImages& images, ImportedSplats& splats) {
 
 ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
   const Json& meta = images.meta;
-  if (const int version = meta.at("version").get<int>(); version != 2)
-    fail(ErrorKind::data, "{}: SOG version {}: 2 is supported", images.name, version);
-  const auto n = meta.at("count").get<std::size_t>();
+  const int version = images.version();
+  if (version != 1 && version != 2)
+    fail(ErrorKind::data, "{}: SOG version {}: 1 and 2 are supported", images.name, version);
+  const std::size_t n = images.count();
   if (n > kSplatsAByte * bytes)
     fail(ErrorKind::data, "{}: {} splats in {} bytes make no sense", images.name, n, bytes);
   ImportedSplats splats;
-  splats.antialiased = meta.value("antialias", false);
-  if (meta.contains("shN")) splats.sh_degree = meta["shN"].at("bands").get<int>();
+  splats.antialiased = meta.value("antialias", false) || meta.value("model", "") == "antialiased";
+  if (meta.contains("shN"))
+    splats.sh_degree = version == 1 ? degree_of_palette(images.get("shN", 0, 1), images.name)
+                                    : meta["shN"].at("bands").get<int>();
   if (splats.sh_degree < 0 || splats.sh_degree > 3)
     fail(ErrorKind::data, "{}: harmonics of degree {}", images.name, splats.sh_degree);
   const Rgba8 low = images.get("means", 0, n), high = images.get("means", 1, n);
   const Rgba8 scales = images.get("scales", 0, n), quats = images.get("quats", 0, n),
               sh0 = images.get("sh0", 0, n);
-  const auto least = meta["means"].at("mins").get<std::array<double, 3>>();
-  const auto most = meta["means"].at("maxs").get<std::array<double, 3>>();
-  const std::vector<float> scale_book = images.book("scales"), colour_book = images.book("sh0");
+  const std::vector<double> least = images.numbers("means", "mins", 3),
+                            most = images.numbers("means", "maxs", 3);
+  std::array<std::vector<float>, 3> scale_book, colour_book;
+  for (std::size_t c = 0; c < 3; ++c)
+    scale_book[c] = images.book("scales", c), colour_book[c] = images.book("sh0", c);
+  const std::vector<float> logits = version == 1 ? images.book("sh0", 3) : std::vector<float>();
   splats.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint8_t* const q = &quats.rgba[4 * i];
@@ -246,10 +303,11 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
     for (std::size_t c = 0; c < 3; ++c) {
       const int bits = low.rgba[4 * i + c] | high.rgba[4 * i + c] << 8;
       splats.positions[i][c] = static_cast<float>(sog_exp(std::lerp(least[c], most[c], bits / 65535.0)));
-      splats.log_scales[i][c] = scale_book[scales.rgba[4 * i + c]];
-      splats.sh[i * 3 * splats.coefficients() + c] = colour_book[sh0.rgba[4 * i + c]];
+      splats.log_scales[i][c] = scale_book[c][scales.rgba[4 * i + c]];
+      splats.sh[i * 3 * splats.coefficients() + c] = colour_book[c][sh0.rgba[4 * i + c]];
     }
-    splats.opacity_logits[i] = logit_of(sh0.rgba[4 * i + 3] / 255.0);
+    const std::uint8_t opacity = sh0.rgba[4 * i + 3];
+    splats.opacity_logits[i] = version == 1 ? logits[opacity] : logit_of(opacity / 255.0);
   }
   if (splats.sh_degree > 0) read_harmonics(images, splats);
   return splats;
@@ -345,25 +403,84 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
   write_file_atomically(path, zip.finish());
 }
 
-ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name) {
-  const ZipReader zip(file, name);
-  const std::vector<std::byte> text = zip.get("meta.json");
-  const Json meta = parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, name);
+namespace {
+
+ImportedSplats read_meta(const SogFiles& files, const Json& meta, std::size_t bytes,
+                         const std::string& name) {
+  const SogImages images{files, meta, name};
   ImportedSplats splats;
   try {
-    splats = read_images({zip, meta, name}, file.size());
+    splats = read_images(images, bytes);
+    splats.report.layout = fmt::format("SOG version {}", images.version());
+    std::vector<std::string> others;
+    for (const auto& [key, value] : meta.items())
+      if (std::ranges::find(kKnownKeys, key) == std::end(kKnownKeys)) others.push_back(key);
+    if (!others.empty())
+      splats.report.note(fmt::format("keys of meta.json that are not used: {}", list_names(others)));
   } catch (const nlohmann::json::exception& error) {
     fail(ErrorKind::data, "{}: meta.json does not fit: {}", name, error.what());
   }
-  splats.report.layout = "SOG version 2";
   splats.report.folder = name;
   if (splats.antialiased) splats.report.note("trained with antialiasing");
+  return splats;
+}
+
+Json parse_meta(std::span<const std::byte> text, const std::string& name) {
+  return parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, name);
+}
+
+ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& name) {
+  const ZipReader zip(file, name);
+  // Some archives hold the folder rather than its files.
+  std::vector<std::string> members = zip.names();
+  std::string prefix;
+  for (const std::string& member : members)
+    if (member == "meta.json" || (member.ends_with("/meta.json") && prefix.empty()))
+      prefix = member.substr(0, member.size() - std::string_view("meta.json").size());
+  const auto get = [&](const std::string& member) {
+    std::erase(members, prefix + member);
+    return zip.get(prefix + member);
+  };
+  const std::vector<std::byte> text = get("meta.json");
+  ImportedSplats splats = read_meta(get, parse_meta(text, name), file.size(), name);
+  std::erase_if(members, [](const std::string& member) { return member.ends_with('/'); });
+  if (!members.empty())
+    splats.report.note(fmt::format("{} files of the archive that are not used (such as {})", members.size(),
+                                   members.front()));
+  return splats;
+}
+
+}  // namespace
+
+std::filesystem::path file_beside(const std::filesystem::path& path, const std::string& member) {
+  const std::filesystem::path inside(member);
+  if (inside.is_absolute() || std::ranges::find(inside, "..") != inside.end())
+    fail(ErrorKind::data, "{}: the file '{}' is not in the same folder", path.string(), member.substr(0, 80));
+  return folder_of(path) / inside;
+}
+
+ImportedSplats load_sog(const std::filesystem::path& path) {
+  const std::string name = path.string();
+  const std::vector<std::byte> bytes = read_file(path);
+  if (bytes.size() < 2 || bytes[0] == std::byte{'P'}) return read_bundle(bytes, name);
+  const Json meta = parse_meta(bytes, name);
+  std::size_t all = 0;
+  for (const std::filesystem::path& entry : folder_entries(folder_of(path)))
+    if (is_regular(entry)) all += file_bytes(entry);
+  return read_meta([&](const std::string& member) { return read_file(file_beside(path, member)); }, meta, all,
+                   name);
+}
+
+ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name) {
+  ImportedSplats splats = read_bundle(file, name);
   clean(splats);
   return splats;
 }
 
 ImportedSplats read_sog(const std::filesystem::path& path) {
-  return parse_sog(read_file(path), path.string());
+  ImportedSplats splats = load_sog(path);
+  clean(splats);
+  return splats;
 }
 
 }  // namespace ubs

@@ -30,7 +30,10 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
   ByteReader in(bytes, name);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     for (float& v : splats.positions[i]) v = in.read<float>();
-    for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());  // <= 0 is not finite: dropped
+    for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());  // negative: NaN, which is dropped
+    // A flat splat has one scale of 0. Three belong to bytes that are no splat: nothing else tells.
+    if (std::ranges::all_of(splats.log_scales[i], [](float v) { return v == -INFINITY; }))
+      splats.log_scales[i].fill(NAN);
     for (std::size_t c = 0; c < 3; ++c)
       splats.sh[3 * i + c] = static_cast<float>((in.read<std::uint8_t>() / 255.0 - 0.5) / kShC0);
     splats.opacity_logits[i] = logit_of(in.read<std::uint8_t>() / 255.0);

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <charconv>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -14,6 +15,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/ply_header.hpp"
 #include "host/data/ubsz.hpp"
+#include "host/data/zip.hpp"
 
 namespace ubs {
 namespace {
@@ -22,8 +24,21 @@ namespace fs = std::filesystem;
 using Holds = SplatFormat::Holds;
 
 bool is_ubsz(const FileStart& start) {
-  return start.bytes == std::string_view(kUbszMagic, sizeof kUbszMagic);
+  return start.bytes.starts_with(std::string_view(kUbszMagic, sizeof kUbszMagic));
 }
+bool is_zip(const FileStart& start) { return start.bytes.starts_with("PK\3\4"); }
+bool is_gzip(const FileStart& start) { return start.bytes.starts_with("\x1f\x8b"); }
+bool is_ply(const FileStart& start) { return start.bytes.starts_with("ply"); }
+
+// The word alone: a damaged file is for its reader to complain about.
+bool has_key(const FileStart& start, std::string_view key) {
+  return start.json.find(fmt::format("\"{}\"", key)) != std::string::npos;
+}
+bool has_member(const FileStart& start, std::string_view end) {
+  return std::ranges::any_of(start.members, [&](const std::string& name) { return name.ends_with(end); });
+}
+bool is_sog_meta(const FileStart& start) { return has_key(start, "means") && has_key(start, "quats"); }
+bool is_lod_meta(const FileStart& start) { return has_key(start, "filenames") && has_key(start, "tree"); }
 
 bool has_property(const FileStart& start, std::string_view name) {
   return std::ranges::any_of(start.ply, [&](const std::string& line) { return line.ends_with(name); });
@@ -61,7 +76,8 @@ constexpr SplatFormat kFormats[] = {
      .recognise = [](const FileStart& s) { return has_property(s, " sh0_0"); },
      .read = read_gaussian_ply,
      .write = write_gaussian_ply,
-     .keeps_offset = true},
+     .keeps_offset = true,
+     .keeps_antialiasing = true},
     {.name = "3dgs",
      .title = "3DGS PLY",
      .extension = ".ply",
@@ -69,12 +85,17 @@ constexpr SplatFormat kFormats[] = {
      .recognise = [](const FileStart& s) { return has_property(s, " f_dc_0"); },
      .read = read_gaussian_ply,
      .write = write_gaussian_ply,
-     .keeps_offset = true},
+     .keeps_offset = true,
+     .keeps_antialiasing = true},
     {.name = "spz",
      .title = "SPZ",
      .extension = ".spz",
      .holds = Holds::gaussians,
-     .recognise = [](const FileStart& s) { return s.bytes == "NGSP" || s.bytes.starts_with("\x1f\x8b"); },
+     .recognise =
+         [](const FileStart& s) {
+           return s.bytes.starts_with("NGSP") ||
+                  (is_gzip(s) && (s.packed.empty() || s.packed.starts_with("NGSP")));
+         },
      .read = read_spz,
      .write = write_spz,
      .keeps_antialiasing = true,
@@ -83,15 +104,26 @@ constexpr SplatFormat kFormats[] = {
      .title = "SOG",
      .extension = ".sog",
      .holds = Holds::gaussians,
-     .recognise = [](const FileStart& s) { return s.bytes == "PK\3\4"; },
+     .recognise =
+         [](const FileStart& s) {
+           return is_sog_meta(s) ||
+                  (is_zip(s) && !has_member(s, "lod-meta.json") &&
+                   (s.members.empty() ? s.extension != ".zip" : has_member(s, "meta.json")));
+         },
      .read = read_sog,
      .write = write_sog,
      .keeps_antialiasing = true},
+    {.name = "streamed-sog",
+     .title = "streamed SOG",
+     .extension = ".json",
+     .holds = Holds::gaussians,
+     .recognise = is_lod_meta,
+     .read = read_streamed_sog},
     {.name = "glb",
      .title = "glTF",
      .extension = ".glb",
      .holds = Holds::gaussians,
-     .recognise = [](const FileStart& s) { return s.bytes == "glTF"; },
+     .recognise = [](const FileStart& s) { return s.bytes.starts_with("glTF"); },
      .read = read_glb,
      .write = write_glb,
      .keeps_offset = true},
@@ -105,22 +137,166 @@ constexpr SplatFormat kFormats[] = {
      .remarks = splat32_remarks},
 };
 
+// ---- Files that hold no splats, and what to say of them ----
+
+struct OtherFile {
+  bool (*recognise)(const FileStart& start);
+  std::string (*what)(const FileStart& start);
+};
+
+// The number of rows of an element, as the header has it.
+std::string rows_of(const FileStart& start, std::string_view element) {
+  const std::string begin = fmt::format("element {} ", element);
+  for (const std::string& line : start.ply)
+    if (line.starts_with(begin)) return line.substr(begin.size());
+  return "0";
+}
+
+std::string what_zip(const FileStart& start) {
+  if (start.members.empty()) return "a ZIP archive: unpack it first";
+  std::string example = start.members.front();
+  for (const std::string& member : start.members)
+    if (!member.ends_with('/')) example = member;
+  return fmt::format("a ZIP archive of {} files, such as '{}': unpack it first", start.members.size(),
+                     example.substr(0, 80));
+}
+
+std::string what_gzip(const FileStart& start) {
+  const std::string_view inside = start.packed.starts_with("ply")                   ? "a PLY file"
+                                  : start.packed.find("ustar") != std::string::npos ? "an archive (tar)"
+                                                                                    : "a file that is no SPZ";
+  return fmt::format("{}, packed with gzip: unpack it first", inside);
+}
+
+// Further rows than those of formats: tried where none of them fits, except Scaffold-GS, whose anchors share
+// names with splats.
+constexpr OtherFile kOthers[] = {
+    {[](const FileStart& s) { return s.bytes.empty(); },
+     [](const FileStart&) -> std::string { return "an empty file"; }},
+    {[](const FileStart& s) { return has_property(s, " f_anchor_feat_0"); },
+     [](const FileStart& s) {
+       return fmt::format(
+           "{} anchors of Scaffold-GS, no splats: its networks make the splats anew for each view",
+           rows_of(s, "vertex"));
+     }},
+    {[](const FileStart& s) {
+       return is_ply(s) && !has_property(s, " scale_0") && rows_of(s, "face") != "0" && has_property(s, " x");
+     },
+     [](const FileStart& s) {
+       return fmt::format("a mesh of {} vertices and {} faces, no splats", rows_of(s, "vertex"),
+                          rows_of(s, "face"));
+     }},
+    {[](const FileStart& s) { return is_ply(s) && !has_property(s, " scale_0") && has_property(s, " x"); },
+     [](const FileStart& s) {
+       return fmt::format(
+           "a point cloud of {} points, no splats: points in a data folder are where training begins",
+           rows_of(s, "vertex"));
+     }},
+    {[](const FileStart& s) { return is_zip(s) && has_member(s, "data.pkl"); },
+     [](const FileStart&) -> std::string {
+       return "a PyTorch checkpoint: export the splats as PLY with the program that wrote it";
+     }},
+    {is_zip, what_zip},
+    {is_gzip, what_gzip},
+    {[](const FileStart& s) { return has_key(s, "frames"); },
+     [](const FileStart&) -> std::string { return "cameras of a data folder, no splats"; }},
+    {[](const FileStart& s) { return has_key(s, "asset") && has_key(s, "meshes"); },
+     [](const FileStart&) -> std::string { return "glTF as text: save it as one binary file (.glb)"; }},
+    {[](const FileStart& s) { return !s.json.empty(); },
+     [](const FileStart&) -> std::string { return "a JSON file, no splats"; }},
+    {[](const FileStart& s) {
+       return s.bytes.starts_with("LASF") || s.bytes.starts_with("ASTM-E57") || s.bytes.starts_with("# .PCD");
+     },
+     [](const FileStart&) -> std::string { return "a point cloud, no splats"; }},
+    {[](const FileStart& s) { return s.bytes.starts_with("\x80\x02") || s.extension == ".pth"; },
+     [](const FileStart&) -> std::string {
+       return "a Python pickle, such as a PyTorch checkpoint: export the splats as PLY with the program that "
+              "wrote it";
+     }},
+    {[](const FileStart& s) { return s.extension == ".ksplat"; },
+     [](const FileStart&) -> std::string {
+       return "a .ksplat file of GaussianSplats3D, which is not read: export the splats as PLY, SPZ or "
+              ".splat";
+     }},
+    {[](const FileStart& s) { return s.bytes.starts_with("PXR-USDC") || s.bytes.starts_with("#usda"); },
+     [](const FileStart&) -> std::string {
+       return "a USD file, which is not read: export the splats as PLY";
+     }},
+    {[](const FileStart& s) { return s.bytes.starts_with("version https://"); },
+     [](const FileStart&) -> std::string {
+       return "a pointer of Git LFS, not the file: fetch it with 'git lfs pull'";
+     }},
+    {[](const FileStart& s) {
+       return s.bytes.starts_with("<!DOCTYPE") || s.bytes.starts_with("<!doctype") ||
+              s.bytes.starts_with("<html");
+     },
+     [](const FileStart&) -> std::string { return "a web page: download the file itself"; }},
+    {[](const FileStart& s) { return s.bytes.starts_with("\x89PNG") || s.bytes.starts_with("\xff\xd8\xff"); },
+     [](const FileStart&) -> std::string { return "a picture, no splats"; }},
+};
+
 bool written(const SplatFormat& format) { return format.ours() || format.write; }
 
-FileStart start_of(const fs::path& path) {
-  std::size_t size = 0;
-  std::ifstream stream = open_for_reading(path, size);
-  FileStart start{std::string(std::min<std::size_t>(size, 4), '\0'), small_extension(path)};
-  stream.read(start.bytes.data(), static_cast<std::streamsize>(start.bytes.size()));
-  if (!start.bytes.starts_with("ply")) return start;
-  // Only the names matter here; whoever reads the file checks the rest.
+// The names are all that matters here; whoever reads the file says what is wrong with it.
+void look_into_gzip(std::ifstream& stream, std::size_t size, FileStart& start, const std::string& name) {
+  constexpr std::size_t kPacked = 1 << 16, kUnpacked = 512;
+  std::vector<std::byte> packed(std::min(size, kPacked));
+  stream.seekg(0);
+  stream.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
+  try {
+    const std::vector<std::byte> plain = inflate_gzip_start(packed, kUnpacked, name);
+    start.packed.assign(reinterpret_cast<const char*>(plain.data()), plain.size());
+  } catch (const Error&) {
+  }
+}
+
+void look_into_ply(std::ifstream& stream, FileStart& start) {
   constexpr std::size_t kMostLines = 10000;
-  for (std::string line;
-       start.ply.size() < kMostLines && std::getline(stream, line) && !line.starts_with("end_header");) {
-    if (line.ends_with('\r')) line.pop_back();
+  stream.seekg(0);
+  for (std::string line; start.ply.size() < kMostLines && std::getline(stream, line);) {
+    const std::size_t first = line.find_first_not_of(" \t\r"), last = line.find_last_not_of(" \t\r");
+    line = first == std::string::npos ? "" : line.substr(first, last - first + 1);
+    if (line.starts_with("end_header")) return;
     start.ply.push_back(line);
   }
+}
+
+FileStart start_of(const fs::path& path) {
+  constexpr std::size_t kLargestJson = std::size_t{64} << 20;  // that names files of splats
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path, size);
+  FileStart start{std::string(std::min<std::size_t>(size, 16), '\0'), small_extension(path)};
+  stream.read(start.bytes.data(), static_cast<std::streamsize>(start.bytes.size()));
+  const std::size_t text = start.bytes.find_first_not_of(" \t\r\n");
+  if (is_ply(start)) look_into_ply(stream, start);
+  if (is_gzip(start)) look_into_gzip(stream, size, start, path.string());
+  if (is_zip(start)) start.members = zip_member_names(path);
+  if (start.extension == ".json" && text != std::string::npos && start.bytes[text] == '{' &&
+      size <= kLargestJson)
+    start.json = read_text_file(path);
   return start;
+}
+
+const SplatFormat* format_of(const FileStart& start) {
+  if (has_property(start, " f_anchor_feat_0")) return nullptr;
+  const auto found = std::ranges::find_if(kFormats, [&](const SplatFormat& f) { return f.recognise(start); });
+  return found == std::end(kFormats) ? nullptr : &*found;
+}
+
+std::string what_other(const FileStart& start) {
+  for (const OtherFile& other : kOthers)
+    if (other.recognise(start)) return other.what(start);
+  return {};
+}
+
+ImportedSplats read_as(const SplatFormat& format, const fs::path& path) {
+  ImportedSplats splats = format.read(path);
+  std::size_t dropped = 0;
+  for (const LoadReport::Skipped& skipped : splats.report.skipped) dropped += skipped.count;
+  if (splats.count() == 0 && dropped > 0)
+    fail(ErrorKind::data, "{}: none of its {} splats can be drawn: {}", path.string(), dropped,
+         splats.report.skipped.front().why);
+  return splats;
 }
 
 }  // namespace
@@ -149,19 +325,52 @@ const SplatFormat* format_of_extension(const fs::path& path) {
 
 const SplatFormat& detect_splat_format(const fs::path& path) {
   const FileStart start = start_of(path);
-  for (const SplatFormat& format : kFormats)
-    if (format.recognise(start)) return format;
-  if (start.bytes.starts_with("ply")) return kFormats[0];  // its reader says what is missing
+  if (const SplatFormat* format = format_of(start)) return *format;
+  if (const std::string what = what_other(start); !what.empty())
+    fail(ErrorKind::data, "{}: {}", path.string(), what);
+  if (is_ply(start)) return kFormats[0];  // its reader says what is missing
   if (start.extension == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   std::vector<std::string_view> titles;
   for (const SplatFormat& format : kFormats) titles.push_back(format.title);
   fail(ErrorKind::data, "{}: not a splat file: expected {}", path.string(), fmt::join(titles, ", "));
 }
 
+std::string describe_file(const fs::path& path) {
+  const FileStart start = start_of(path);
+  if (const SplatFormat* format = format_of(start)) return fmt::format("a splat model ({})", format->title);
+  return what_other(start);
+}
+
+fs::path find_splat_model(const fs::path& path) {
+  const auto has_splats = [](const fs::path& file) {
+    if (!is_regular(file)) return false;
+    const FileStart start = start_of(file);
+    return is_sog_meta(start) || is_lod_meta(start);
+  };
+  if (!is_folder(path)) return small_extension(path) != ".json" || has_splats(path) ? path : fs::path();
+  if (path_exists(path / "model.ply")) return path / "model.ply";
+  for (const char* name : {"meta.json", "lod-meta.json"})
+    if (has_splats(path / name)) return path / name;
+  fs::path last;
+  std::size_t iterations = 0;
+  if (!is_folder(path / "point_cloud")) return last;
+  for (const fs::path& folder : folder_entries(path / "point_cloud")) {
+    constexpr std::string_view kStem = "iteration_";
+    const std::string name = folder.filename().string();
+    std::size_t number = 0;
+    if (!name.starts_with(kStem) ||
+        std::from_chars(name.data() + kStem.size(), name.data() + name.size(), number).ec != std::errc())
+      continue;
+    if (const fs::path file = folder / "point_cloud.ply"; number >= iterations && path_exists(file))
+      last = file, iterations = number;
+  }
+  return last;
+}
+
 ImportedSplats read_foreign_splats(const fs::path& path) {
   const SplatFormat& format = detect_splat_format(path);
   if (format.ours()) fail(ErrorKind::internal, "{}: a file of ours needs no import", path.string());
-  return format.read(path);
+  return read_as(format, path);
 }
 
 void write_foreign_splats(const SplatFormat& format, const fs::path& path, const ImportedSplats& splats) {
@@ -189,17 +398,19 @@ std::vector<std::string> read_remarks(const ImportedSplats& splats) {
   return remarks;
 }
 
-LoadedModel load_splat_model(const fs::path& path) {
+LoadedModel load_splat_model(const fs::path& given) {
+  const fs::path path = is_folder(given) ? find_splat_model(given) : given;
+  if (path.empty()) fail(ErrorKind::data, "{}: no model.ply in this folder", given.string());
   LoadedModel loaded;
   loaded.format = &detect_splat_format(path);
   if (loaded.format->ours()) {
-    loaded.model =
-        is_ubsz(start_of(path)) ? read_ubsz(path, &loaded.comments) : read_mixed_ply(path, &loaded.comments);
+    loaded.model = is_ubsz(start_of(path)) ? read_ubsz(path, &loaded.comments)
+                                           : read_mixed_ply(path, &loaded.comments, &loaded.remarks);
     loaded.offset = offset_comment(loaded.comments, path.string());
     loaded.notes = notes_of(loaded.comments, path.string());
     return loaded;
   }
-  const ImportedSplats splats = loaded.format->read(path);
+  const ImportedSplats splats = read_as(*loaded.format, path);
   loaded.offset = splats.offset;
   if (splats.offset != std::array<double, 3>{}) loaded.comments = {make_offset_comment(splats.offset)};
   loaded.model = exact_model(splats);

@@ -18,9 +18,12 @@ namespace ubs {
 
 // What tells the formats apart.
 struct FileStart {
-  std::string bytes;                  // the first four
-  std::string extension;              // in small letters, with the point
-  std::vector<std::string> ply = {};  // lines of the header of a PLY file
+  std::string bytes;                      // the first sixteen
+  std::string extension;                  // in small letters, with the point
+  std::vector<std::string> ply = {};      // lines of the header of a PLY file, without blanks around them
+  std::vector<std::string> members = {};  // names of the files in a ZIP archive; none where it is damaged
+  std::string packed = {};                // first bytes of what gzip has packed; none where it is damaged
+  std::string json = {};                  // the text of a JSON file
 };
 
 // A format of model files: a row of the table in splat_file.cpp. A new one needs its reader and writer, a
@@ -49,7 +52,15 @@ std::vector<std::string> written_formats();
 const SplatFormat& splat_format(std::string_view name);
 // The written format whose files have this extension, of .ply ours; null: there is none.
 const SplatFormat* format_of_extension(const std::filesystem::path& path);
+// Throws Error(data) that says what the file is where it holds no splats: a point cloud, a ZIP archive.
 const SplatFormat& detect_splat_format(const std::filesystem::path& path);
+// Returns what a file is, in words: one of the formats, or a known kind of file that holds no splats. Empty
+// where it is not known.
+std::string describe_file(const std::filesystem::path& path);
+// Returns the model that a path names: a file itself; of a folder its model.ply (a run of ours), meta.json or
+// lod-meta.json (SOG), or the last point_cloud/iteration_*/point_cloud.ply (a run of 3DGS). Empty: no model,
+// such as a folder or a JSON file of data.
+std::filesystem::path find_splat_model(const std::filesystem::path& path);
 
 // Every format but our own.
 ImportedSplats read_foreign_splats(const std::filesystem::path& path);
@@ -67,11 +78,11 @@ struct LoadedModel {
   std::vector<std::string> comments;      // that a file of ours with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
   ModelNotes notes;                       // of a file of ours
-  std::vector<std::string> remarks;       // what reading a file of another tool dropped and noticed
+  std::vector<std::string> remarks;       // what reading dropped, did not use and noticed
 };
 
-// The one way from a file to a model.
-LoadedModel load_splat_model(const std::filesystem::path& path);
+// The one way from a file, or a folder with one, to a model.
+LoadedModel load_splat_model(const std::filesystem::path& given);
 
 // What reading the file dropped, and other remarks, for messages.
 std::vector<std::string> read_remarks(const ImportedSplats& splats);

@@ -121,6 +121,8 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
   splats.report.folder = name;
   if (h.degree > 3) splats.report.note("harmonics of degree 4 are dropped");
   if (splats.antialiased) splats.report.note("trained with antialiasing");
+  if (const int others = h.flags & ~kAntialiased; others != 0)
+    splats.report.note(fmt::format("flags {:#x} are not used: what they mean is not known", others));
   clean(splats);
   return splats;
 }
@@ -156,7 +158,11 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
     at += packed;
   }
   if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes behind the last stream", name, file.size() - at);
-  return unpack(h, attributes, name);
+  ImportedSplats splats = unpack(h, attributes, name);
+  if (h.streams > wanted)
+    splats.report.note(
+        fmt::format("{} streams behind those of the attributes are not used", h.streams - wanted));
+  return splats;
 }
 
 std::uint32_t pack_rotation(const std::array<float, 4>& wxyz) {
@@ -210,7 +216,10 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   if (bytes.size() < 18) fail(ErrorKind::data, "{}: too short for an SPZ file", name);
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
-  if (magic == kSpzMagic) return parse_v4(bytes, name);
+  if (magic == kSpzMagic) {  // not packed with gzip: version 4, or an older one that somebody has unpacked
+    ByteReader plain(bytes, name);
+    return read_header(plain).version == 4 ? parse_v4(bytes, name) : parse_spz(bytes, name);
+  }
   const std::vector<std::byte> start = inflate_gzip_start(bytes, kHeader, name);
   ByteReader in(start, name);
   const Header h = read_header(in);

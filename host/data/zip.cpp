@@ -7,6 +7,7 @@
 #include "host/base/byte_reader.hpp"
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
 #include "host/data/foreign_formats.hpp"
 
 namespace ubs {
@@ -28,6 +29,29 @@ void put_member(std::vector<std::byte>& out, std::uint32_t crc, std::size_t size
 
 void put_text(std::vector<std::byte>& out, const std::string& text) {
   for (const char c : text) out.push_back(static_cast<std::byte>(c));
+}
+
+// The entries of the directory, which `in` begins with.
+std::map<std::string, ZipReader::Member> read_directory(ByteReader in, std::size_t count) {
+  std::map<std::string, ZipReader::Member> members;
+  for (std::size_t i = 0; i < count; ++i) {
+    ZipReader::Member member;
+    if (in.read<std::uint32_t>() != kCentral)
+      fail(ErrorKind::data, "{}: the directory of the ZIP archive is damaged", in.name());
+    in.skip(4);
+    member.flags = in.read<std::uint16_t>(), member.method = in.read<std::uint16_t>();
+    in.skip(4);
+    member.crc = in.read<std::uint32_t>();
+    member.packed = in.read<std::uint32_t>(), member.size = in.read<std::uint32_t>();
+    const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
+    const auto comment = in.read<std::uint16_t>();
+    in.skip(8);
+    member.at = in.read<std::uint32_t>();
+    const auto letters = in.take(text);
+    members[{reinterpret_cast<const char*>(letters.data()), letters.size()}] = member;
+    in.skip(std::size_t{extra} + comment);
+  }
+  return members;
 }
 
 }  // namespace
@@ -75,24 +99,13 @@ ZipReader::ZipReader(std::span<const std::byte> file, std::string name)
   tail.skip(4);
   const auto at = tail.read<std::uint32_t>();
   if (at > end) fail(ErrorKind::data, "{}: the directory of the ZIP archive is damaged", name_);
-  ByteReader in(file_.first(end).subspan(at), name_);
-  for (int i = 0; i < count; ++i) {
-    Member member;
-    if (in.read<std::uint32_t>() != kCentral)
-      fail(ErrorKind::data, "{}: the directory of the ZIP archive is damaged", name_);
-    in.skip(4);
-    member.flags = in.read<std::uint16_t>(), member.method = in.read<std::uint16_t>();
-    in.skip(4);
-    member.crc = in.read<std::uint32_t>();
-    member.packed = in.read<std::uint32_t>(), member.size = in.read<std::uint32_t>();
-    const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
-    const auto comment = in.read<std::uint16_t>();
-    in.skip(8);
-    member.at = in.read<std::uint32_t>();
-    const auto letters = in.take(text);
-    members_[{reinterpret_cast<const char*>(letters.data()), letters.size()}] = member;
-    in.skip(std::size_t{extra} + comment);
-  }
+  members_ = read_directory(ByteReader(file_.first(end).subspan(at), name_), count);
+}
+
+std::vector<std::string> ZipReader::names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, member] : members_) names.push_back(name);
+  return names;
 }
 
 std::vector<std::byte> ZipReader::get(const std::string& member) const {
@@ -114,6 +127,39 @@ std::vector<std::byte> ZipReader::get(const std::string& member) const {
                                                : inflate_raw(packed, std::size_t{m.size} + 1, name);
   if (bytes.size() != m.size || crc32(bytes) != m.crc) fail(ErrorKind::data, "{}: damaged", name);
   return bytes;
+}
+
+std::vector<std::string> zip_member_names(const std::filesystem::path& path) {
+  constexpr std::size_t kLargestDirectory = std::size_t{64} << 20;
+  std::size_t size = 0;
+  std::ifstream stream = open_for_reading(path, size);
+  const auto read = [&](std::size_t at, std::size_t count) {
+    std::vector<std::byte> bytes(count);
+    stream.seekg(static_cast<std::streamoff>(at));
+    stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(count));
+    bytes.resize(static_cast<std::size_t>(stream.gcount()));
+    return bytes;
+  };
+  const std::size_t looked_at = std::min(size, kEndBytes + kLongestComment);
+  const std::vector<std::byte> tail = read(size - looked_at, looked_at);
+  for (std::size_t end = tail.size(); end-- > 0;) {
+    ByteReader in(std::span<const std::byte>{tail}.subspan(end), path.string());
+    if (in.remaining() < kEndBytes || in.read<std::uint32_t>() != kEnd) continue;
+    in.skip(6);
+    const std::size_t count = in.read<std::uint16_t>(), bytes = in.read<std::uint32_t>();
+    const std::size_t at = in.read<std::uint32_t>();
+    if (bytes > kLargestDirectory || at > size || bytes > size - at) return {};
+    const std::vector<std::byte> directory = read(at, bytes);
+    std::vector<std::string> names;
+    try {
+      for (const auto& [name, member] : read_directory(ByteReader(directory, path.string()), count))
+        names.push_back(name);
+    } catch (const Error&) {  // damaged: whoever reads the archive says so
+      return {};
+    }
+    return names;
+  }
+  return {};
 }
 
 }  // namespace ubs

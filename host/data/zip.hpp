@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <span>
 #include <string>
@@ -28,15 +29,21 @@ class ZipReader {
   ZipReader(std::span<const std::byte> file, std::string name);
   // Throws Error(data) where there is no such member.
   std::vector<std::byte> get(const std::string& member) const;
+  std::vector<std::string> names() const;
 
- private:
   struct Member {
     std::uint16_t flags = 0, method = 0;
     std::uint32_t crc = 0, packed = 0, size = 0, at = 0;
   };
+
+ private:
   std::span<const std::byte> file_;
   std::string name_;
   std::map<std::string, Member> members_;
 };
+
+// Returns the names of the members of an archive of any size, of which only the directory at its end is read.
+// None where there is no such directory, or one of ZIP64.
+std::vector<std::string> zip_member_names(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -6,6 +6,7 @@
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/data/zip.hpp"
 #include "tests/support/images.hpp"
 #include "tests/support/run_ubs.hpp"
 
@@ -290,4 +291,51 @@ TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {
   ubs_ok(folder, common + "b --image-cache-mb 1");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK_THAT(get(folder / "b/metrics.json"), Contains("decoded on demand"));
+}
+
+TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", "[cli]") {
+  const TempFolder folder;
+  write_gaussian_ply(folder / "g.ply", red_ball());
+  put(folder / "m.ply",
+      replaced(get(folder / "g.ply"), "end_header", "property float filter_3D\nend_header") +
+          std::string(4, 'x'));
+  for (const char* arguments : {"info m.ply", "convert m.ply u.ply", "convert m.ply m.spz"})
+    CHECK_THAT(ubs_ok(folder, arguments).out, Contains("not used: filter_3D") && Contains("Mip-Splatting"));
+  CHECK_THAT(json::parse(ubs_ok(folder, "info m.ply --json").out)["remarks"].dump(), Contains("filter_3D"));
+  CHECK_THAT(ubs_ok(folder, "render m.ply --out r --path-frames 2 --size 20x10").err, Contains("filter_3D"));
+  // Of a file of ours too.
+  put(folder / "v.ply", replaced(get(folder / "u.ply"), "end_header", "property float surplus\nend_header") +
+                            std::string(4, 'x'));
+  for (const char* arguments : {"info v.ply", "convert v.ply w.ply", "convert v.ply w.ubs.ply --to ubs"})
+    CHECK_THAT(ubs_ok(folder, arguments).out, Contains("not used: surplus"));
+
+  ImportedSplats none = red_ball();
+  none.rotations[0] = {0, 0, 0, 0};
+  write_gaussian_ply(folder / "none.ply", none);
+  for (const char* to : {"o.ply", "o.spz", "o.glb"}) {
+    check_error(folder, fmt::format("convert none.ply {}", to), 3, "none of its 1 splats can be drawn");
+    CHECK(!std::filesystem::exists(folder / to));
+  }
+  check_error(folder, "info none.ply", 3, "none of its 1 splats");
+
+  ZipWriter zip;
+  for (const char* name : {"images/a.png", "sparse/0/cameras.bin"}) zip.add(name, {});
+  const std::vector<std::byte> archive = zip.finish();
+  put(folder / "d.zip", {reinterpret_cast<const char*>(archive.data()), archive.size()});
+  for (const char* arguments : {"info d.zip", "train d.zip --out r2", "convert d.zip o.ply"})
+    check_error(folder, arguments, 3,
+                "d.zip: a ZIP archive of 2 files, such as 'sparse/0/cameras.bin': unpack it");
+  check_error(folder, "train g.ply --out r2", 3, "g.ply: a splat model (3DGS PLY)");
+
+  SplatModel model(3, 1,
+                   {.rot_mode = RotMode::quaternion,
+                    .kernel = SpatialKernel::gaussian,
+                    .colour = ColourMode::sh0,
+                    .antialias = Antialias::on});
+  model.row(model.layout().l_triangle)[0] = 1;
+  write_splat_ply(folder / "a.ply", model);
+  CHECK(ubs_ok(folder, "convert a.ply b.ply").out.find("antialiasing") == std::string::npos);
+  CHECK_THAT(get(folder / "b.ply"), Contains("comment SplatRenderMode: mip\n"));
+  CHECK_THAT(ubs_ok(folder, "info b.ply").out, Contains("antialias on"));
+  CHECK_THAT(ubs_ok(folder, "convert a.ply b.glb").out, Contains("antialiasing"));
 }

@@ -54,7 +54,9 @@ TEST_CASE("formats: any order of properties, extra ones, DBS", "[formats]") {
   CHECK(s.positions[0] == std::array<float, 3>{4, 5, 6});
   CHECK(s.rotations[0] == std::array<float, 4>{1, 0, 0, 0});
   CHECK(s.betas[0] == 0.7f);
-  CHECK(s.report.notes.size() == 1);
+  REQUIRE(s.report.notes.size() == 2);
+  CHECK_THAT(s.report.notes[0], Contains("lobes of the colours are dropped"));
+  CHECK_THAT(s.report.notes[1], Contains("not used: extra, sb_params_0"));
   const SplatModel model = exact_model(s);
   const ParameterLayout l = model.layout();
   CHECK(model.row(l.beta)[0] == 0.7f);

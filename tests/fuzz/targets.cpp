@@ -167,6 +167,36 @@ std::vector<std::string> seed_sog() {
   return seeds;
 }
 
+// The tree of a streamed SOG, or (first byte odd) the meta.json of one of its folders. The images are sound:
+// the target before damages those.
+void run_streamed_sog(Data d) {
+  if (d.empty()) return;
+  static const std::vector<std::pair<std::string, std::vector<std::byte>>> members = [] {
+    write_sog(folder() / "s.sog", few_splats(1));
+    const std::string file = get(folder() / "s.sog");
+    const ZipReader zip(std::as_bytes(std::span(file)), "seed");
+    std::vector<std::pair<std::string, std::vector<std::byte>>> all;
+    for (const std::string& name : zip.names()) all.emplace_back(name, zip.get(name));
+    return all;
+  }();
+  fs::create_directories(folder() / "part");
+  for (const auto& [name, bytes] : members)
+    put("part/" + name, {reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+  const bool meta = d[0] % 2 == 1;
+  const fs::path damaged = put(meta ? "part/meta.json" : "lod-meta.json", d.subspan(1));
+  expect_error_only([&] { import_all(meta ? read_sog(damaged) : read_streamed_sog(damaged)); });
+}
+std::vector<std::string> seed_streamed_sog() {
+  write_sog(folder() / "s.sog", few_splats(1));
+  const std::string file = get(folder() / "s.sog");
+  const auto meta = ZipReader(std::as_bytes(std::span(file)), "seed").get("meta.json");
+  return {std::string(1, '\0') +
+              R"({"lodLevels": 2, "filenames": ["part/meta.json"], "environment": "part/meta.json",
+              "tree": {"children": [{"lods": {"0": {"file": 0, "offset": 0, "count": 2}}},
+                                    {"lods": {"1": {"file": 0, "offset": 2, "count": 1}}}]}})",
+          '\1' + std::string(reinterpret_cast<const char*>(meta.data()), meta.size())};
+}
+
 std::vector<std::string> seed_spz() {
   std::vector<std::string> seeds;
   for (const int degree : {0, 1, 3}) {
@@ -345,6 +375,7 @@ std::span<const Target> targets() {
       {"ubsz", run_ubsz, seed_ubsz},
       {"glb", run_glb, seed_glb},
       {"sog", run_sog, seed_sog},
+      {"streamed_sog", run_streamed_sog, seed_streamed_sog},
   };
   return kTargets;
 }

@@ -7,6 +7,7 @@
 #include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/look/report/run_record.hpp"
 #include "host/scene/settings.hpp"
 #include "host/train/checkpoint.hpp"
@@ -62,11 +63,12 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
           [](std::string& path) -> std::string {
             if (!is_folder(path)) return {};
             const RunFolder run(path);
-            if (!path_exists(run.model()))
+            const std::filesystem::path model = find_splat_model(path);
+            if (model.empty())
               return fmt::format(
                   "{}: no model.ply in this folder{}", path,
                   path_exists(run.checkpoint()) ? "; the run is not finished" : run_beside(path));
-            path = run.model().string();
+            path = model.string();
             return {};
           },
           ""));

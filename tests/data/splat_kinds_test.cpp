@@ -1,0 +1,654 @@
+// SPDX-License-Identifier: Apache-2.0
+// Splat files as people bring them: what other programs write beside the plain formats, files that hold no
+// splats and what is said of them, and that nothing of a file is left out without a note.
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "host/data/gaussian_model.hpp"
+#include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
+#include "host/data/webp.hpp"
+#include "host/data/zip.hpp"
+#include "host/scene/settings.hpp"
+#include "tests/support/splats.hpp"
+#include "tests/support/temp_folder.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+using nlohmann::ordered_json;
+
+namespace {
+
+// How a 3DGS PLY differs from the plain one.
+struct PlyKind {
+  std::vector<std::string> header_lines = {};  // behind the format
+  std::vector<std::string> extra = {};         // columns
+  std::vector<std::string> without = {};
+  std::string blank = {};  // behind each line of the header
+  bool doubles = false, ascii = false;
+  std::array<double, 3> origin{0, 0, 0};  // added to the positions
+};
+
+std::string ply_of(const ImportedSplats& s, const PlyKind& kind = {}) {
+  std::vector<std::string> names{"x",       "y",      "z",      "nx",      "ny",      "nz",
+                                 "f_dc_0",  "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
+                                 "scale_2", "rot_0",  "rot_1",  "rot_2",   "rot_3"};
+  for (const std::string& name : kind.without) std::erase(names, name);
+  names.insert(names.end(), kind.extra.begin(), kind.extra.end());
+  std::string text =
+      fmt::format("ply{0}\nformat {1} 1.0{0}\n", kind.blank, kind.ascii ? "ascii" : "binary_little_endian");
+  for (const std::string& line : kind.header_lines) text += line + "\n";
+  text += fmt::format("element vertex {}{}\n", s.count(), kind.blank);
+  for (const std::string& name : names)
+    text += fmt::format("property {} {}{}\n", kind.doubles ? "double" : "float", name, kind.blank);
+  text += "end_header" + kind.blank + "\n";
+  for (std::size_t i = 0; i < s.count(); ++i) {
+    for (const std::string& name : names) {
+      const std::size_t k =
+          name.back() >= '0' && name.back() <= '9' ? static_cast<std::size_t>(name.back() - '0') : 0;
+      double v = 0.25;  // of the extra columns
+      if (name.size() == 1) v = s.positions[i][name[0] - 'x'] + kind.origin[name[0] - 'x'];
+      if (name.starts_with("n")) v = 0;
+      if (name.starts_with("f_dc")) v = s.sh[i * 3 * s.coefficients() + k];
+      if (name == "opacity") v = s.opacity_logits[i];
+      if (name.starts_with("scale_")) v = s.log_scales[i][k];
+      if (name.starts_with("rot_")) v = s.rotations[i][k];
+      if (kind.ascii) {
+        text += fmt::format("{} ", v);
+      } else if (kind.doubles) {
+        text.append(reinterpret_cast<const char*>(&v), sizeof v);
+      } else {
+        const auto f = static_cast<float>(v);
+        text.append(reinterpret_cast<const char*>(&f), sizeof f);
+      }
+    }
+    if (kind.ascii) text += "\n";
+  }
+  return text;
+}
+
+std::string all_of(const std::vector<std::string>& remarks) {
+  return fmt::format("{}", fmt::join(remarks, "\n"));
+}
+
+std::string remarks_of(const std::filesystem::path& path) { return all_of(load_splat_model(path).remarks); }
+
+// A glTF file with a changed JSON part.
+std::string changed_glb(const std::string& file, const std::function<void(ordered_json&)>& change) {
+  std::uint32_t size = 0;
+  std::memcpy(&size, file.data() + 12, sizeof size);
+  ordered_json document = ordered_json::parse(file.substr(20, size));
+  change(document);
+  std::string text = document.dump();
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  const auto word = [](std::size_t v) {
+    const auto number = static_cast<std::uint32_t>(v);
+    return std::string(reinterpret_cast<const char*>(&number), sizeof number);
+  };
+  const std::string rest = file.substr(20 + size);
+  return file.substr(0, 8) + word(20 + text.size() + rest.size()) + word(text.size()) + file.substr(16, 4) +
+         text + rest;
+}
+
+// Overwrites the floats of an attribute of the only primitive.
+std::string with_values(std::string file, const std::string& attribute, const std::vector<float>& values) {
+  std::uint32_t size = 0;
+  std::memcpy(&size, file.data() + 12, sizeof size);
+  const ordered_json document = ordered_json::parse(file.substr(20, size));
+  const auto accessor =
+      document["meshes"][0]["primitives"][0]["attributes"]["KHR_gaussian_splatting:" + attribute];
+  const std::size_t at =
+      28 + size + document["bufferViews"][accessor.get<std::size_t>()]["byteOffset"].get<std::size_t>();
+  std::memcpy(file.data() + at, values.data(), values.size() * sizeof(float));
+  return file;
+}
+
+std::vector<std::byte> bytes_of(const std::string& text) {
+  const auto bytes = std::as_bytes(std::span(text));
+  return {bytes.begin(), bytes.end()};
+}
+std::string text_of(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+std::string zip_of(const std::vector<std::pair<std::string, std::string>>& members) {
+  ZipWriter zip;
+  for (const auto& [name, text] : members) zip.add(name, bytes_of(text));
+  return text_of(zip.finish());
+}
+
+std::vector<std::pair<std::string, std::string>> members_of(const std::filesystem::path& path) {
+  const std::string file = get(path);
+  const ZipReader zip(std::as_bytes(std::span(file)), "test");
+  std::vector<std::pair<std::string, std::string>> members;
+  for (const std::string& name : zip.names()) members.emplace_back(name, text_of(zip.get(name)));
+  return members;
+}
+
+// Writes the files of a SOG archive into a folder.
+void put_sog_folder(const std::filesystem::path& folder, const ImportedSplats& splats) {
+  const TempFolder temporary;
+  write_sog(temporary / "a.sog", splats);
+  for (const auto& [name, text] : members_of(temporary / "a.sog")) put(folder / name, text);
+}
+
+ImportedSplats splats_at(double x, std::size_t count, int degree = 0) {
+  ImportedSplats splats = random_splats(count, degree);
+  for (auto& p : splats.positions) p[0] += static_cast<float>(x);
+  return splats;
+}
+
+// The number of splats whose x is within 4 of a place.
+std::size_t count_near(const ImportedSplats& splats, double x) {
+  return static_cast<std::size_t>(
+      std::ranges::count_if(splats.positions, [x](const auto& p) { return std::abs(p[0] - x) < 4; }));
+}
+
+// SuperSplat's compressed PLY of one splat, with a further column.
+std::string compressed_ply(const std::string& header_line, const std::string& column) {
+  std::string text = "ply\nformat binary_little_endian 1.0\n" + header_line + "element chunk 1\n";
+  for (const char* what : {"x", "y", "z", "scale_x", "scale_y", "scale_z"})
+    for (const char* end : {"min", "max"}) text += fmt::format("property float {}_{}\n", end, what);
+  text += "element vertex 1\n";
+  for (const char* what : {"position", "rotation", "scale", "color"})
+    text += fmt::format("property uint packed_{}\n", what);
+  text += column + "end_header\n";
+  for (int k = 0; k < 12; ++k) {
+    const float bound = k % 2 == 0 ? -3.0f : -1.0f;
+    text.append(reinterpret_cast<const char*>(&bound), sizeof bound);
+  }
+  for (int k = 0; k < 4; ++k) text.append("\x7f\x20\x40\x3f", 4);
+  return text + (column.empty() ? "" : std::string(4, '\0'));
+}
+
+}  // namespace
+
+TEST_CASE("kinds: blanks in the header, ascii rows and other number types are read", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(20, 0);
+  for (const PlyKind& kind : {PlyKind{.blank = " "}, PlyKind{.blank = " \t\r"}, PlyKind{.ascii = true},
+                              PlyKind{.blank = "  ", .doubles = true}}) {
+    put(folder / "a.ply", ply_of(splats, kind));
+    CHECK(detect_splat_format(folder / "a.ply").name == "3dgs");
+    const ImportedSplats back = read_foreign_splats(folder / "a.ply");
+    CHECK(back.positions == splats.positions);
+    CHECK(back.sh == splats.sh);
+    CHECK(back.report.notes.empty());
+  }
+}
+
+TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
+  const TempFolder folder;
+  ImportedSplats splats = random_splats(30, 0);
+  const auto expect_discs = [&](const ImportedSplats& read, const char* what) {
+    INFO(what);
+    REQUIRE(read.count() == 30);
+    CHECK(read.report.skipped.empty());
+    for (std::size_t i = 0; i < 30; ++i) CHECK(read.log_scales[i][2] == kFlatLogScale);
+    CHECK(read.log_scales[4][1] == splats.log_scales[4][1]);
+    for (const float v : exact_model(read).values) CHECK(std::isfinite(v));
+  };
+  for (const float tiny : {-INFINITY, -46.0f, -1e30f}) {
+    for (auto& s : splats.log_scales) s[2] = tiny;
+    put(folder / "a.ply", ply_of(splats));
+    expect_discs(read_foreign_splats(folder / "a.ply"), "log scale");
+  }
+  put(folder / "2dgs.ply", ply_of(splats, {.without = {"scale_2"}}));
+  expect_discs(read_foreign_splats(folder / "2dgs.ply"), "2DGS");
+  CHECK_THAT(remarks_of(folder / "2dgs.ply"), Contains("flat splats"));
+  // What lacks more than the third scale is no 2DGS file.
+  put(folder / "no.ply", ply_of(splats, {.without = {"scale_2", "rot_3"}}));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "no.ply"); }), Contains("'scale_2' is missing"));
+
+  for (auto& s : splats.log_scales) s[2] = -3;
+  write_glb(folder / "a.glb", splats);
+  std::vector<float> scales;
+  for (const auto& s : splats.log_scales) scales.insert(scales.end(), {std::exp(s[0]), std::exp(s[1]), 0.0f});
+  put(folder / "flat.glb", with_values(get(folder / "a.glb"), "SCALE", scales));
+  const ImportedSplats glb = read_foreign_splats(folder / "flat.glb");
+  REQUIRE(glb.count() == 30);
+  CHECK(glb.log_scales[7][2] == kFlatLogScale);
+
+  write_splat32(folder / "a.splat", splats);
+  std::string records = get(folder / "a.splat");
+  for (std::size_t i = 0; i < 30; ++i) records.replace(32 * i + 20, 4, 4, '\0');
+  put(folder / "flat.splat", records);
+  CHECK(read_foreign_splats(folder / "flat.splat").count() == 30);
+
+  // What is no scale is dropped as before.
+  splats.log_scales[3][0] = NAN, splats.log_scales[4][0] = INFINITY;
+  put(folder / "a.ply", ply_of(splats));
+  CHECK(read_foreign_splats(folder / "a.ply").count() == 28);
+}
+
+TEST_CASE("kinds: PLY files say that splats were trained with antialiasing, and so do ours", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(5, 1);
+  const std::pair<std::vector<std::string>, bool> kinds[] = {
+      {{}, false},
+      {{"comment SplatRenderMode: mip"}, true},
+      {{"comment  splatrendermode:MIP "}, true},
+      {{"comment SplatRenderMode: default"}, false},
+      {{"comment antialiased 1"}, true},
+      {{"comment antialiased 0"}, false},
+      {{"obj_info antialiased 1"}, true},
+      {{"comment antialiased 1", "comment SplatRenderMode: default"}, false},
+      {{"comment SplatRenderMode: default", "comment antialiased 1"}, true},
+      {{"comment antialiased_by_nobody 1"}, false}};
+  for (const auto& [lines, antialiased] : kinds) {
+    INFO(all_of(lines));
+    put(folder / "a.ply", ply_of(splats, {.header_lines = lines}));
+    const LoadedModel loaded = load_splat_model(folder / "a.ply");
+    CHECK((loaded.model.variant().antialias == Antialias::on) == antialiased);
+    CHECK(loaded.remarks.empty() == !antialiased);
+  }
+  put(folder / "a.ply", ply_of(splats, {.header_lines = {"comment SplatRenderMode: banana"}}));
+  CHECK_THAT(remarks_of(folder / "a.ply"), Contains("banana"));
+  put(folder / "c.ply", compressed_ply("comment SplatRenderMode: mip\n", ""));
+  CHECK(read_foreign_splats(folder / "c.ply").antialiased);
+
+  ImportedSplats trained = splats;
+  CHECK(format_remarks(splat_format("3dgs"), trained).empty());
+  trained.antialiased = true;
+  CHECK(format_remarks(splat_format("3dgs"), trained).empty());
+  write_gaussian_ply(folder / "b.ply", trained);
+  CHECK(read_foreign_splats(folder / "b.ply").antialiased);
+  write_gaussian_ply(folder / "b.ply", splats);
+  CHECK_FALSE(read_foreign_splats(folder / "b.ply").antialiased);
+  // The word of newer SOG files.
+  write_sog(folder / "a.sog", splats);
+  auto members = members_of(folder / "a.sog");
+  for (auto& [name, text] : members)
+    if (name == "meta.json") text = replaced(text, "\"antialias\":false", "\"model\":\"antialiased\"");
+  put(folder / "m.sog", zip_of(members));
+  CHECK(read_foreign_splats(folder / "m.sog").antialiased);
+}
+
+TEST_CASE("kinds: double coordinates far away keep their digits by an offset", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(200, 0);
+  const std::array<double, 3> utm{500123.4, 4649776.25, 100};
+  put(folder / "a.ply", ply_of(splats, {.doubles = true, .origin = utm}));
+  const LoadedModel loaded = load_splat_model(folder / "a.ply");
+  CHECK_THAT(all_of(loaded.remarks), Contains("far from the origin"));
+  const SplatModel& model = loaded.model.groups.front();
+  for (int k = 0; k < 3; ++k) {
+    CHECK(loaded.offset[k] == std::round(loaded.offset[k]));
+    for (std::size_t i = 0; i < 200; ++i)
+      CHECK(std::abs(model.row(model.layout().xyz + k)[i] + loaded.offset[k] - splats.positions[i][k] -
+                     utm[k]) < 1e-6);
+  }
+  // The offset of the file counts as well, and splats far away, such as a sky, do not hide where the scene
+  // is.
+  ImportedSplats sky = splats;
+  for (std::size_t i = 0; i < 60; ++i) sky.positions[i][2] = 1e7f;
+  put(folder / "b.ply",
+      ply_of(sky, {.header_lines = {"comment ubs_offset 1000 0 0"}, .doubles = true, .origin = utm}));
+  const ImportedSplats far = read_foreign_splats(folder / "b.ply");
+  CHECK(std::abs(far.positions[100][1] + far.offset[1] - splats.positions[100][1] - utm[1]) < 1e-6);
+  CHECK(std::abs(far.positions[100][0] + far.offset[0] - splats.positions[100][0] - utm[0] - 1000) < 1e-6);
+  // Near the origin nothing changes.
+  put(folder / "c.ply", ply_of(splats, {.doubles = true}));
+  CHECK(read_foreign_splats(folder / "c.ply").offset == std::array<double, 3>{});
+}
+
+TEST_CASE("kinds: SPZ without gzip is read", "[formats]") {
+  const TempFolder folder;
+  write_spz(folder / "a.spz", random_splats(40, 2));
+  const std::string packed = get(folder / "a.spz");
+  put(folder / "raw.spz", text_of(inflate_gzip(std::as_bytes(std::span(packed)), 1 << 20, "test")));
+  const ImportedSplats a = read_foreign_splats(folder / "a.spz"), b = read_foreign_splats(folder / "raw.spz");
+  CHECK(a.positions == b.positions);
+  CHECK(a.sh == b.sh);
+}
+
+TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder of its archive", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(50, 1);
+  write_sog(folder / "a.sog", splats);
+  put_sog_folder(folder / "sog", splats);
+  const ImportedSplats whole = read_foreign_splats(folder / "a.sog");
+  CHECK(find_splat_model(folder / "sog") == folder / "sog/meta.json");
+  for (const LoadedModel& loaded :
+       {load_splat_model(folder / "sog"), load_splat_model(folder / "sog/meta.json")}) {
+    CHECK(loaded.format->name == "sog");
+    CHECK(loaded.model.groups.front().values == exact_model(whole).values);
+    CHECK(loaded.remarks.empty());
+  }
+  auto members = members_of(folder / "a.sog");
+  for (auto& [name, text] : members) name = "scene/" + name;
+  put(folder / "deep.sog", zip_of(members));
+  CHECK(read_foreign_splats(folder / "deep.sog").positions == whole.positions);
+
+  const std::string meta = get(folder / "sog/meta.json");
+  put(folder / "sog/meta.json", replaced(meta, "\"quats.webp\"", "\"../quats.webp\""));
+  CHECK_THAT(message_of([&] { load_splat_model(folder / "sog"); }), Contains("'../quats.webp'"));
+  put(folder / "sog/meta.json", replaced(meta, "\"quats.webp\"", "\"gone.webp\""));
+  CHECK_THAT(message_of([&] { load_splat_model(folder / "sog"); }), Contains("gone.webp"));
+  for (const char* group : {"scales", "sh0", "shN"}) {
+    ordered_json broken = ordered_json::parse(meta);
+    broken[group]["codebook"][17] = nullptr;
+    put(folder / "sog/meta.json", broken.dump());
+    CHECK_THAT(message_of([&] { load_splat_model(folder / "sog"); }),
+               Contains(fmt::format("meta.json: {}.codebook[17] is null", group)));
+  }
+  ordered_json broken = ordered_json::parse(meta);
+  broken["means"]["maxs"][2] = nullptr;
+  put(folder / "sog/meta.json", broken.dump());
+  CHECK_THAT(message_of([&] { load_splat_model(folder / "sog"); }), Contains("means.maxs[2] is null"));
+  // A folder of data may have a file of that name too.
+  put(folder / "data/meta.json", R"({"frames": []})");
+  CHECK(find_splat_model(folder / "data").empty());
+}
+
+TEST_CASE("kinds: SOG version 1", "[formats]") {
+  const TempFolder folder;
+  const auto image = [](std::vector<std::uint8_t> rgba, int width) {
+    const int height = static_cast<int>(rgba.size()) / 4 / width;
+    return text_of(encode_webp({width, height, std::move(rgba)}));
+  };
+  // Two splats. The palette of degree 1 is 192 pixels wide; splat 1 has entry 65, the second of the second
+  // row.
+  std::vector<std::uint8_t> palette(4 * 192 * 2, 255), labels{0, 0, 0, 255, 65, 0, 0, 255};
+  for (std::size_t k = 0; k < 3; ++k)
+    for (std::size_t c = 0; c < 3; ++c)
+      palette[4 * (192 + 3 + k) + c] = static_cast<std::uint8_t>(51 * k + c);
+  const ordered_json meta{
+      {"means",
+       {{"shape", {2, 3}},
+        {"dtype", "float32"},
+        {"mins", {-1, 0, 0}},
+        {"maxs", {1, 2, 0}},
+        {"files", {"l", "u"}}}},
+      {"scales", {{"shape", {2, 3}}, {"mins", {-5, -4, -3}}, {"maxs", {0, -2, -3}}, {"files", {"s"}}}},
+      {"quats", {{"shape", {2, 4}}, {"encoding", "quaternion_packed"}, {"files", {"q"}}}},
+      {"sh0", {{"shape", {2, 1, 4}}, {"mins", {-1, 0, 0, -2}}, {"maxs", {1, 1, 2, 3}}, {"files", {"c"}}}},
+      {"shN", {{"shape", {2, 9}}, {"mins", -1}, {"maxs", 4}, {"quantization", 8}, {"files", {"p", "n"}}}}};
+  put(folder / "v1.sog", zip_of({{"meta.json", meta.dump()},
+                                 {"l", image({0, 255, 0, 255, 255, 255, 0, 255}, 2)},
+                                 {"u", image({0, 255, 0, 255, 255, 255, 0, 255}, 2)},
+                                 {"s", image({0, 0, 0, 255, 255, 51, 0, 255}, 2)},
+                                 {"q", image({128, 128, 128, 252, 128, 128, 128, 253}, 2)},
+                                 {"c", image({0, 0, 255, 51, 255, 255, 255, 255}, 2)},
+                                 {"p", image(palette, 192)},
+                                 {"n", image(labels, 2)}}));
+  const ImportedSplats s = read_foreign_splats(folder / "v1.sog");
+  CHECK(s.report.layout == "SOG version 1");
+  REQUIRE(s.count() == 2);
+  REQUIRE(s.sh_degree == 1);
+  CHECK(s.positions[0][0] == Approx(1 - std::exp(1.0)));
+  CHECK(s.positions[1][1] == Approx(std::exp(2.0) - 1));
+  CHECK(s.log_scales[1][0] == Approx(0).margin(1e-6));
+  CHECK(s.log_scales[1][1] == Approx(-3.6));
+  CHECK(s.log_scales[1][2] == -3);
+  CHECK(s.sh[0] == -1);
+  CHECK(s.sh[2] == 2);
+  CHECK(s.opacity_logits[0] == Approx(-1));
+  CHECK(s.opacity_logits[1] == Approx(3));
+  CHECK(std::abs(s.rotations[1][1]) > 0.99f);
+  for (std::size_t k = 0; k < 3; ++k)
+    for (std::size_t c = 0; c < 3; ++c)
+      CHECK(s.sh[12 + 3 * (k + 1) + c] ==
+            Approx(-1 + 5 * (51.0 * static_cast<double>(k) + static_cast<double>(c)) / 255).margin(1e-6));
+  put(folder / "v3.sog", zip_of({{"meta.json", R"({"version": 3, "count": 1, "means": {}, "quats": {}})"}}));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "v3.sog"); }), Contains("SOG version 3"));
+}
+
+TEST_CASE("kinds: of a streamed SOG the finest level and the environment are read", "[formats]") {
+  const TempFolder folder;
+  put_sog_folder(folder / "s/0_0", splats_at(0, 30, 1));
+  put_sog_folder(folder / "s/0_1", splats_at(100, 20, 1));
+  put_sog_folder(folder / "s/1_0", splats_at(200, 10));
+  write_sog(folder / "s/env.sog", splats_at(300, 5));
+  const auto range = [](int file, int offset, int count) {
+    return ordered_json{{"file", file}, {"offset", offset}, {"count", count}};
+  };
+  const ordered_json meta{{"lodLevels", 2},
+                          {"environment", "env.sog"},
+                          {"filenames", {"0_0/meta.json", "0_1/meta.json", "1_0/meta.json"}},
+                          {"tree",
+                           {{"children",
+                             {{{"lods", {{"0", range(0, 10, 20)}, {"1", range(2, 0, 5)}}}},
+                              {{"lods", {{"0", range(1, 0, 20)}, {"1", range(2, 5, 5)}}}},
+                              {{"children", {{{"lods", {{"0", range(0, 0, 10)}}}}}}}}}}}};
+  put(folder / "s/lod-meta.json", meta.dump());
+  for (const char* name : {"s", "s/lod-meta.json"}) {
+    const LoadedModel loaded = load_splat_model(folder / name);
+    CHECK(loaded.format->name == "streamed-sog");
+    CHECK(loaded.model.count() == 55);
+    CHECK_THAT(all_of(loaded.remarks),
+               Contains("level 0 of 2, the finest, from 2 files, and the environment"));
+  }
+  const ImportedSplats splats = read_foreign_splats(folder / "s/lod-meta.json");
+  CHECK(count_near(splats, 0) == 30);
+  CHECK(count_near(splats, 100) == 20);
+  CHECK(count_near(splats, 300) == 5);
+  CHECK(splats.sh_degree == 1);
+
+  const auto message = [&](const std::function<void(ordered_json&)>& change) {
+    ordered_json other = meta;
+    change(other);
+    put(folder / "s/lod-meta.json", other.dump());
+    return message_of([&] { load_splat_model(folder / "s"); });
+  };
+  const auto first = [](ordered_json& m) -> ordered_json& { return m["tree"]["children"][0]["lods"]["0"]; };
+  CHECK_THAT(message([&](ordered_json& m) { first(m)["count"] = 21; }), Contains("10 to 31"));
+  CHECK_THAT(message([&](ordered_json& m) { first(m)["offset"] = 9; }), Contains("9 to 29"));
+  CHECK_THAT(message([&](ordered_json& m) { first(m)["file"] = 3; }), Contains("file 3 of 3"));
+  CHECK_THAT(message([&](ordered_json& m) { m["filenames"][0] = "/etc/passwd"; }), Contains("'/etc/passwd'"));
+  CHECK_THAT(message([&](ordered_json& m) { m["tree"] = ordered_json::object(); }),
+             Contains("no level of detail"));
+}
+
+TEST_CASE("kinds: glTF with logarithms or logits is told from glTF as the extension has it", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(40, 0);
+  write_glb(folder / "a.glb", splats);
+  const std::string file = get(folder / "a.glb");
+  std::vector<float> logs, mixed(120, 0.1f);
+  for (const auto& s : splats.log_scales) logs.insert(logs.end(), s.begin(), s.end());
+  mixed[5] = -0.25f;
+  put(folder / "logs.glb", with_values(file, "SCALE", logs));
+  const ImportedSplats back = read_foreign_splats(folder / "logs.glb");
+  CHECK(back.log_scales == splats.log_scales);
+  CHECK_THAT(remarks_of(folder / "logs.glb"), Contains("accessor 2 (SCALE)") && Contains("as logarithms"));
+  put(folder / "mixed.glb", with_values(file, "SCALE", mixed));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "mixed.glb"); }),
+             Contains("accessor 2 (SCALE): scales from -0.25 to 0.1"));
+  put(folder / "logits.glb", with_values(file, "OPACITY", splats.opacity_logits));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "logits.glb"); }),
+             Contains("accessor 3 (OPACITY): opacities from -") && Contains("0 to 1"));
+}
+
+TEST_CASE("kinds: what holds no splats is told by its name", "[formats]") {
+  const TempFolder folder;
+  const std::string ply = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n";
+  const auto columns = [](std::initializer_list<const char*> names) {
+    std::string text;
+    for (const char* name : names) text += fmt::format("property float {}\n", name);
+    return text;
+  };
+  const auto text = [](std::string_view plain) {
+    return text_of(deflate_gzip(std::as_bytes(std::span(plain))));
+  };
+  const std::tuple<const char*, std::string, const char*> kinds[] = {
+      {"p.ply", ply + columns({"x", "y", "z", "red"}) + "end_header\n" + std::string(32, 0),
+       "a point cloud of 2 points, no splats"},
+      {"m.ply",
+       ply + columns({"x", "y", "z"}) +
+           "element face 7\nproperty list uchar int vertex_indices\nend_header\n",
+       "a mesh of 2 vertices and 7 faces, no splats"},
+      {"s.ply",
+       ply +
+           columns(
+               {"x", "y", "z", "f_offset_0", "f_anchor_feat_0", "opacity", "scale_0", "scale_1", "rot_0"}) +
+           "end_header\n",
+       "2 anchors of Scaffold-GS, no splats"},
+      {"d.zip", zip_of({{"images/", ""}, {"images/a.png", "x"}, {"sparse/0/cameras.bin", "x"}}),
+       "a ZIP archive of 3 files"},
+      {"d.sog", zip_of({{"a.png", "x"}}), "unpack it first"},
+      {"c.pth", zip_of({{"archive/data.pkl", "x"}}), "a PyTorch checkpoint"},
+      {"l.sog", zip_of({{"lod-meta.json", "{}"}, {"0_0/meta.json", "{}"}}), "unpack it first"},
+      {"p.ply.gz", text("ply\nformat ascii 1.0\n"), "a PLY file, packed with gzip: unpack it first"},
+      {"x.gz", text("something else"), "packed with gzip: unpack it first"},
+      {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
+      {"a.gltf.json", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
+      {"other.json", "{}", "a JSON file, no splats"},
+      {"a.las", "LASF and more", "a point cloud, no splats"},
+      {"w.ply", "<!DOCTYPE html>", "a web page"},
+      {"g.ply", "version https://git-lfs.github.com/spec/v1", "git lfs pull"},
+      {"k.ksplat", std::string(4096, '\1'), ".ksplat"},
+      {"e.ply", "", "an empty file"},
+      {"n.bin", "nothing known", "not a splat file: expected"}};
+  for (const auto& [name, content, message] : kinds) {
+    put(folder / name, content);
+    CHECK_THAT(message_of([&] { detect_splat_format(folder / name); }), Contains(name) && Contains(message));
+    CHECK_THAT(message_of([&] { load_splat_model(folder / name); }), Contains(message));
+  }
+  CHECK(describe_file(folder / "n.bin").empty());
+  CHECK_THAT(describe_file(folder / "d.zip"), Contains("unpack it first"));
+}
+
+TEST_CASE("kinds: a file of whose splats none can be drawn is an error", "[formats]") {
+  const TempFolder folder;
+  ImportedSplats splats = random_splats(12, 0);
+  for (auto& q : splats.rotations) q = {0, 0, 0, 0};
+  put(folder / "a.ply", ply_of(splats));
+  for (const auto& read : {std::function<void()>([&] { read_foreign_splats(folder / "a.ply"); }),
+                           std::function<void()>([&] { load_splat_model(folder / "a.ply"); })})
+    CHECK_THAT(message_of(read), Contains("none of its 12 splats can be drawn: rotation is no quaternion"));
+}
+
+TEST_CASE("kinds: names in notes are short", "[formats]") {
+  CHECK(list_names({"motion_0", "motion_1", "motion_2", "t", "omega_3", "omega_4", "a_1", "a_3", "7"}) ==
+        "motion_0 to motion_2, t, omega_3, omega_4, a_1, a_3, 7");
+}
+
+// Every row of the table of formats is asked for a file with a surplus in it.
+TEST_CASE("silence: no reader leaves out a part of its file without a note", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(1, 0);
+  // A further column, of the only row, behind the others.
+  const auto with_column = [&](const std::filesystem::path& path) {
+    put(path,
+        replaced(get(path), "end_header\n", "property float surplus\nend_header\n") + std::string(4, '\0'));
+  };
+  using Make = std::function<void(const std::filesystem::path&)>;
+  const std::multimap<std::string_view, Make> surplus{
+      {"ubs",
+       [&](const auto& path) {
+         write_splat_ply(path, exact_model(splats));
+         with_column(path);
+       }},
+      {"ubs",
+       [&](const auto& path) {
+         write_splat_ply(path, SplatModel(7, 1));
+         put(path, replaced(get(path), "end_header\n", "element surplus 1\nproperty float a\nend_header\n") +
+                       std::string(4, '\0'));
+       }},
+      {"compressed", [&](const auto& path) { put(path, compressed_ply("", "property float surplus\n")); }},
+      {"3dgs",
+       [&](const auto& path) {
+         write_gaussian_ply(path, splats);
+         with_column(path);
+       }},
+      {"3dgs",
+       [&](const auto& path) {
+         put(path,
+             replaced(ply_of(splats), "end_header\n", "element surplus 1\nproperty float a\nend_header\n") +
+                 std::string(4, '\0'));
+       }},
+      {"dbs",
+       [&](const auto& path) {
+         ImportedSplats beta = splats;
+         beta.kernel = SpatialKernel::beta;
+         beta.betas = {0.0f};
+         write_gaussian_ply(path, beta);
+         with_column(path);
+       }},
+      {"spz",
+       [&](const auto& path) {
+         write_spz(path, splats);
+         const std::string packed = get(path);
+         std::string plain = text_of(inflate_gzip(std::as_bytes(std::span(packed)), 1 << 16, "test"));
+         plain[14] = 0x40;  // a flag: its number stands for its name
+         put(path, plain);
+       }},
+      {"sog",
+       [&](const auto& path) {
+         write_sog(path, splats);
+         auto members = members_of(path);
+         members.emplace_back("surplus.bin", "x");
+         put(path, zip_of(members));
+       }},
+      {"sog",
+       [&](const auto& path) {
+         write_sog(path, splats);
+         auto members = members_of(path);
+         for (auto& [name, text] : members)
+           if (name == "meta.json") text = replaced(text, "{\"version\"", "{\"surplus\":1,\"version\"");
+         put(path, zip_of(members));
+       }},
+      {"streamed-sog",
+       [&](const auto& path) {
+         put_sog_folder(folder / "part", splats);
+         put(folder / "part/meta.json",
+             replaced(get(folder / "part/meta.json"), "{\"version\"", "{\"surplus\":1,\"version\""));
+         put(path, R"({"filenames": ["part/meta.json"],
+                       "tree": {"lods": {"0": {"file": 0, "offset": 0, "count": 1}}}})");
+       }},
+      {"glb",
+       [&](const auto& path) {
+         write_glb(path, splats);
+         put(path, changed_glb(get(path), [](ordered_json& document) {
+               document["meshes"][0]["primitives"][0]["attributes"]["_surplus"] = 1;
+             }));
+       }},
+      {"glb",
+       [&](const auto& path) {
+         write_glb(path, splats);
+         put(path, changed_glb(get(path), [](ordered_json& document) {
+               document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}}}});
+             }));
+       }},
+      // A record has 32 bytes, all of which are used; what is dropped is counted.
+      {"splat", [&](const auto& path) {
+         write_splat32(path, random_splats(2, 0));
+         std::string bytes = get(path);
+         bytes.replace(0, 4, "\xff\xff\xff\xff");  // NaN
+         put(path, bytes);
+       }}};
+  const std::map<std::string_view, const char*> words{{"spz", "flags 0x40"},
+                                                      {"splat", "1 dropped: position not finite"}};
+  for (const SplatFormat& format : splat_formats()) {
+    INFO(format.name);
+    REQUIRE(surplus.contains(format.name));
+    const auto [begin, end] = surplus.equal_range(format.name);
+    for (auto row = begin; row != end; ++row) {
+      const std::filesystem::path path = folder / fmt::format("x{}", format.extension);
+      row->second(path);
+      REQUIRE(detect_splat_format(path).name == format.name);
+      const std::string remarks = remarks_of(path);
+      if (format.name == "glb" && contains(remarks, "primitives")) {
+        CHECK_THAT(remarks, Contains("1 primitives without splats are not used"));
+        continue;
+      }
+      CHECK_THAT(remarks, Contains(words.contains(format.name) ? words.at(format.name) : "surplus"));
+    }
+  }
+}
+
+TEST_CASE("silence: columns of known methods are named with what they mean", "[formats]") {
+  const TempFolder folder;
+  const ImportedSplats splats = random_splats(3, 0);
+  PlyKind motion;
+  motion.extra = {"trbf_center", "trbf_scale"};
+  for (int k = 0; k < 9; ++k) motion.extra.push_back(fmt::format("motion_{}", k));
+  put(folder / "stg.ply", ply_of(splats, motion));
+  CHECK_THAT(remarks_of(folder / "stg.ply"),
+             Contains("trbf_center, trbf_scale, motion_0 to motion_8") && Contains("SpacetimeGaussians"));
+  put(folder / "mip.ply", ply_of(splats, {.extra = {"filter_3D"}}));
+  CHECK_THAT(remarks_of(folder / "mip.ply"), Contains("not used: filter_3D") && Contains("Mip-Splatting"));
+}
