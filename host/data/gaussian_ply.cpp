@@ -200,7 +200,9 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.report.folder = name;
   if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
   const std::vector<const PlyProperty*> used = columns.properties();
-  if (std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
+  // In ascii files the digits count, whatever the header calls their type.
+  if (header.ascii ||
+      std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
     std::array<std::vector<double>, 3> coordinates;
     for (auto& axis : coordinates) axis.resize(header.count);
     stream.clear();

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <sstream>
 
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
@@ -198,6 +199,10 @@ constexpr OtherFile kOthers[] = {
      }},
     {is_zip, what_zip},
     {is_gzip, what_gzip},
+    {[](const FileStart& s) {
+       return s.bytes.starts_with("7z\xbc\xaf") || s.bytes.starts_with("Rar!") || s.extension == ".tar";
+     },
+     [](const FileStart&) -> std::string { return "an archive: unpack it first"; }},
     {[](const FileStart& s) { return has_key(s, "frames"); },
      [](const FileStart&) -> std::string { return "cameras of a data folder, no splats"; }},
     {[](const FileStart& s) { return has_key(s, "asset") && has_key(s, "meshes"); },
@@ -254,10 +259,10 @@ void look_into_ply(std::ifstream& stream, FileStart& start) {
   constexpr std::size_t kMostLines = 10000;
   stream.seekg(0);
   for (std::string line; start.ply.size() < kMostLines && std::getline(stream, line);) {
-    const std::size_t first = line.find_first_not_of(" \t\r"), last = line.find_last_not_of(" \t\r");
-    line = first == std::string::npos ? "" : line.substr(first, last - first + 1);
-    if (line.starts_with("end_header")) return;
-    start.ply.push_back(line);
+    std::istringstream words(line);
+    std::string& plain = start.ply.emplace_back();
+    for (std::string word; words >> word;) plain += (plain.empty() ? "" : " ") + word;
+    if (plain.starts_with("end_header")) return;
   }
 }
 
@@ -271,8 +276,8 @@ FileStart start_of(const fs::path& path) {
   if (is_ply(start)) look_into_ply(stream, start);
   if (is_gzip(start)) look_into_gzip(stream, size, start, path.string());
   if (is_zip(start)) start.members = zip_member_names(path);
-  if (start.extension == ".json" && text != std::string::npos && start.bytes[text] == '{' &&
-      size <= kLargestJson)
+  if ((start.extension == ".json" || start.extension == ".gltf") && text != std::string::npos &&
+      start.bytes[text] == '{' && size <= kLargestJson)
     start.json = read_text_file(path);
   return start;
 }

@@ -20,7 +20,7 @@ namespace ubs {
 struct FileStart {
   std::string bytes;                      // the first sixteen
   std::string extension;                  // in small letters, with the point
-  std::vector<std::string> ply = {};      // lines of the header of a PLY file, without blanks around them
+  std::vector<std::string> ply = {};      // lines of the header of a PLY file, one blank between words
   std::vector<std::string> members = {};  // names of the files in a ZIP archive; none where it is damaged
   std::string packed = {};                // first bytes of what gzip has packed; none where it is damaged
   std::string json = {};                  // the text of a JSON file

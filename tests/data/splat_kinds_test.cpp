@@ -177,6 +177,12 @@ TEST_CASE("kinds: blanks in the header, ascii rows and other number types are re
     CHECK(back.sh == splats.sh);
     CHECK(back.report.notes.empty());
   }
+  std::string wide = compressed_ply("", "");
+  for (const char* word : {"element chunk", "element vertex", "property uint"})
+    wide = replaced(wide, word, std::string(word) + "  ");
+  put(folder / "c.ply", wide);
+  CHECK(detect_splat_format(folder / "c.ply").name == "compressed");
+  CHECK(read_foreign_splats(folder / "c.ply").count() == 1);
 }
 
 TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
@@ -280,6 +286,9 @@ TEST_CASE("kinds: double coordinates far away keep their digits by an offset", "
       CHECK(std::abs(model.row(model.layout().xyz + k)[i] + loaded.offset[k] - splats.positions[i][k] -
                      utm[k]) < 1e-6);
   }
+  // The digits of an ascii file count, though its header says float.
+  put(folder / "t.ply", ply_of(splats, {.ascii = true, .origin = utm}));
+  CHECK(load_splat_model(folder / "t.ply").model.groups.front().values == model.values);
   // The offset of the file counts as well, and splats far away, such as a sky, do not hide where the scene
   // is.
   ImportedSplats sky = splats;
@@ -493,8 +502,9 @@ TEST_CASE("kinds: what holds no splats is told by its name", "[formats]") {
       {"l.sog", zip_of({{"lod-meta.json", "{}"}, {"0_0/meta.json", "{}"}}), "unpack it first"},
       {"p.ply.gz", text("ply\nformat ascii 1.0\n"), "a PLY file, packed with gzip: unpack it first"},
       {"x.gz", text("something else"), "packed with gzip: unpack it first"},
+      {"a.7z", "7z\xbc\xaf and more", "an archive: unpack it first"},
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
-      {"a.gltf.json", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
+      {"a.gltf", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
       {"other.json", "{}", "a JSON file, no splats"},
       {"a.las", "LASF and more", "a point cloud, no splats"},
       {"w.ply", "<!DOCTYPE html>", "a web page"},
