@@ -12,6 +12,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/webp.hpp"
 #include "host/data/zip.hpp"
@@ -20,10 +21,12 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
+constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // without harmonics
 constexpr int kBookRounds = 20;
-constexpr int kFirstMode = 252;             // alpha of a quaternion whose w is the largest
-constexpr std::size_t kSplatsAByte = 1000;  // of a file, more make no sense
+constexpr int kFirstMode = 252;            // alpha of a quaternion whose w is the largest
+constexpr std::size_t kSplatsAByte = 100;  // of a file, more make no sense
 constexpr std::size_t kSparePixels = 1 << 20;
+constexpr std::size_t kLargestMeta = 1 << 20;  // three books of 256 numbers are 20 KB
 
 double sog_log(double v) { return std::copysign(std::log1p(std::abs(v)), v); }
 double sog_exp(double v) { return std::copysign(std::expm1(std::abs(v)), v); }
@@ -178,7 +181,8 @@ struct SogImages {
 
   Rgba8 get(const char* group, std::size_t file, std::size_t least) const {
     const auto member = meta.at(group).at("files").at(file).get<std::string>();
-    Rgba8 image = decode_webp(zip.get(member), 4 * least + kSparePixels, fmt::format("{}: {}", name, member));
+    Rgba8 image =
+        decode_webp(zip.get(member), least + least / 4 + kSparePixels, fmt::format("{}: {}", name, member));
     if (image.rgba.size() / 4 < least)
       fail(ErrorKind::data, "{}: {}: {} pixels, {} are needed", name, member, image.rgba.size() / 4, least);
     return image;
@@ -229,6 +233,8 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
   const auto least = meta["means"].at("mins").get<std::array<double, 3>>();
   const auto most = meta["means"].at("maxs").get<std::array<double, 3>>();
   const std::vector<float> scale_book = images.book("scales"), colour_book = images.book("sh0");
+  require_memory(n * (kSplatBytes + 12 * splats.coefficients()),
+                 fmt::format("{}: {} splats", images.name, n));
   splats.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint8_t* const q = &quats.rgba[4 * i];
@@ -347,7 +353,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
 
 ImportedSplats parse_sog(std::span<const std::byte> file, const std::string& name) {
   const ZipReader zip(file, name);
-  const std::vector<std::byte> text = zip.get("meta.json");
+  const std::vector<std::byte> text = zip.get("meta.json", kLargestMeta);
   const Json meta = parse_json({reinterpret_cast<const char*>(text.data()), text.size()}, name);
   ImportedSplats splats;
   try {
