@@ -35,15 +35,13 @@ ubs_status guarded(const Action& action) noexcept {
   try {
     action();
     return UBS_OK;
-  } catch (const Error& error) {
-    remember_error(error.what());
-    return static_cast<ubs_status>(exit_code(error.kind()));
   } catch (const std::bad_alloc&) {
     remember_error("out of memory: use fewer splats, smaller images or fewer views");
     return UBS_ERROR_MEMORY;
-  } catch (const std::exception& error) {
+  } catch (const std::exception& exception) {
+    const Error error = as_error(exception);
     remember_error(error.what());
-    return UBS_ERROR_INTERNAL;
+    return static_cast<ubs_status>(exit_code(error.kind()));
   } catch (...) {
     remember_error("an exception of an unknown kind");
     return UBS_ERROR_INTERNAL;

@@ -37,6 +37,12 @@ void check_finite(std::span<const float> image, const char* what) {
     fail(ErrorKind::numerical, "{} contains values that are not finite", what);
 }
 
+void check_pixels(const std::string& name, int width, int height) {
+  if (std::int64_t{width} * height > kMaxPixels)
+    fail(ErrorKind::data, "{}: {}x{} pixels: images of at most {} are compared", name, width, height,
+         kMaxPixels);
+}
+
 }  // namespace
 
 ImageComparison::ImageComparison(Device& device, const LpipsRequest& request)
@@ -73,6 +79,7 @@ ViewMetrics ImageComparison::measure(const std::string& name, const ImageShape& 
 }
 
 ViewMetrics ImageComparison::measure(const std::string& name, const Image8& truth, const Image8& image) {
+  check_pixels(name, image.width, image.height);
   const ImageShape shape{image.width, image.height};
   const auto values =
       planes<float>(std::span(image.rgb), image.width, image.height, shape.pitch(), shape.rows(),
@@ -86,6 +93,7 @@ ViewMetrics ImageComparison::measure(const std::string& name, const Image8& trut
 
 ViewMetrics ImageComparison::measure(const std::string& name, int width, int height,
                                      std::span<const float> truth, std::span<const float> image) {
+  check_pixels(name, width, height);
   check_finite(truth, "the reference image");
   check_finite(image, "the image");
   const ImageShape shape{width, height};

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "host/base/environment.hpp"
+#include "host/base/temporary_folder.hpp"
 #include "host/base/warning.hpp"
 
 namespace ubs {
@@ -109,6 +110,19 @@ fs::path temporary_cache() {
   const std::string defect = private_defect(folder);
   if (defect.empty()) return folder;
   note(fmt::format("{}: {}", folder.string(), defect));
+  return {};
+}
+
+fs::path process_cache() {
+  const std::lock_guard lock(cache_mutex);
+  try {
+    static const TemporaryFolder folder;  // mkdtemp: of mode 0700, and nobody else's
+    const std::string defect = private_defect(folder.path());
+    if (defect.empty()) return folder.path();
+    note(fmt::format("{}: {}", folder.path().string(), defect));
+  } catch (const Error& error) {
+    note(error.what());
+  }
   return {};
 }
 

@@ -22,6 +22,10 @@ std::string cache_defect(const std::filesystem::path& folder);
 // had.
 std::filesystem::path temporary_cache();
 
+// A folder of this process alone, removed at its end, for a driver that writes compiled code even where none is to
+// be kept; empty where it cannot be had.
+std::filesystem::path process_cache();
+
 // `wanted` where cache_defect() has nothing against it, else temporary_cache(), which is said on stderr, once
 // for each folder wanted. Empty when there is neither; cache_defects() then says why. An empty `wanted`
 // stands for an environment that names none.

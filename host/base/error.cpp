@@ -3,6 +3,9 @@
 
 #include <filesystem>
 #include <new>
+#include <system_error>
+
+#include "host/base/text.hpp"
 
 namespace ubs {
 
@@ -29,14 +32,21 @@ int exit_code(ErrorKind kind) {
 }
 
 Error as_error(const std::exception& exception) {
-  if (const auto* error = dynamic_cast<const Error*>(&exception)) return *error;
+  if (const auto* error = dynamic_cast<const Error*>(&exception))
+    return error->kind() == ErrorKind::build ? *error : Error(error->kind(), shortened(error->what()));
   if (dynamic_cast<const std::bad_alloc*>(&exception))
     return {ErrorKind::memory,
             "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
   // host/base/paths.hpp should have had it.
   if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
     return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
-  return {ErrorKind::internal, fmt::format("internal: {}", exception.what())};
+  if (const auto* error = dynamic_cast<const std::system_error*>(&exception))
+    if (error->code() == std::errc::resource_unavailable_try_again)  // std::thread's
+      return {
+          ErrorKind::memory,
+          "the system gives this process no further thread: raise the limit (ulimit -u, of the container, "
+          "or of memory)"};
+  return {ErrorKind::internal, fmt::format("internal: {}", shortened(exception.what()))};
 }
 
 }  // namespace ubs

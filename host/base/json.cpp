@@ -1,40 +1,138 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/base/json.hpp"
 
+#include <algorithm>
+#include <map>
+#include <vector>
+
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/base/text.hpp"
 
 namespace ubs {
 namespace {
 
-Json with_strings(const Json& json, std::string (*convert)(std::string_view)) {
-  if (json.is_string()) return convert(json.get_ref<const std::string&>());
+using Convert = std::string (*)(std::string_view);
+
+// A value in an array takes 16 bytes, a member of an object 48 and its name; vectors hold twice that while
+// they grow, and an object has a map of its names while it is read.
+constexpr std::uint64_t kBytesAValue = 256;
+constexpr std::uint64_t kSmallJson = 16 << 20;  // bytes that every process has
+
+// Builds what sax_parse reads, in time proportional to the text. The library's own builder looks through all
+// members of an object for each further one, and with a callback through all of a parent for each end. Of
+// members with the same name the last value counts, in the place of the first.
+class JsonBuilder : public nlohmann::json_sax<Json> {
+ public:
+  JsonBuilder(const std::string& name, Convert convert) : name_(name), convert_(convert) {}
+
+  Json take() { return std::move(root_); }
+
+  bool null() override { return put(nullptr); }
+  bool boolean(bool value) override { return put(value); }
+  bool number_integer(number_integer_t value) override { return put(value); }
+  bool number_unsigned(number_unsigned_t value) override { return put(value); }
+  bool number_float(number_float_t value, const string_t&) override { return put(value); }
+  bool string(string_t& value) override { return put(convert_ ? convert_(value) : std::move(value)); }
+  bool binary(binary_t&) override { return false; }  // text has none
+
+  bool start_object(std::size_t) override { return open(false); }
+  bool start_array(std::size_t) override { return open(true); }
+  bool key(string_t& value) override {
+    open_.back().key = convert_ ? convert_(value) : std::move(value);
+    return true;
+  }
+  bool end_object() override {
+    auto& members = open_.back().members;
+    Json object = Json::object();
+    auto& to = object.get_ref<Json::object_t&>();
+    to.reserve(members.size());  // growing would copy all that is below
+    for (auto& [key, value] : members) to.emplace_back(std::move(key), std::move(value));
+    return close(std::move(object));
+  }
+  bool end_array() override { return close(std::move(open_.back().items)); }
+  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
+    fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // it has line and column
+  }
+
+ private:
+  struct Open {
+    bool is_array;
+    Json::array_t items;
+    std::vector<std::pair<std::string, Json>> members;
+    std::map<std::string, std::size_t> places;  // of the members
+    std::string key;
+  };
+
+  bool open(bool is_array) {
+    if (open_.size() == kDeepestJson)
+      fail(ErrorKind::data, "{}: JSON nested deeper than {}", name_, kDeepestJson);
+    open_.push_back({is_array, {}, {}, {}, {}});
+    return true;
+  }
+  bool close(Json value) {
+    open_.pop_back();
+    return put(std::move(value));
+  }
+  bool put(Json value) {
+    if (open_.empty()) {
+      root_ = std::move(value);
+    } else if (Open& to = open_.back(); to.is_array) {
+      to.items.push_back(std::move(value));
+    } else {
+      const auto [place, is_new] = to.places.try_emplace(to.key, to.members.size());
+      if (is_new)
+        to.members.emplace_back(std::move(to.key), std::move(value));
+      else
+        to.members[place->second].second = std::move(value);
+    }
+    return true;
+  }
+
+  const std::string& name_;
+  Convert convert_;
+  Json root_;
+  std::vector<Open> open_;
+};
+
+// The library cannot even destroy a value without memory. So what could take more than there is, is refused
+// before it is read. Each value stands alone or behind one of these characters.
+void check_size(std::string_view text, const std::string& name) {
+  if (text.size() > kLargestJson)
+    fail(ErrorKind::data, "{}: JSON of {} bytes: at most {} are read", name, text.size(), kLargestJson);
+  const auto values = std::ranges::count_if(text, [](char c) { return c == ',' || c == '[' || c == '{'; });
+  const std::uint64_t need = kBytesAValue * static_cast<std::uint64_t>(values) + 2 * text.size();
+  if (need > kSmallJson) require_memory(need, fmt::format("{}: JSON of {} bytes", name, text.size()));
+}
+
+Json parse(std::string_view text, const std::string& name, Convert convert) {
+  check_size(text, name);
+  JsonBuilder builder(name, convert);
+  Json::sax_parse(text.begin(), text.end(), &builder);
+  return builder.take();
+}
+
+Json with_encoded_strings(const Json& json) {
+  if (json.is_string()) return encode_text(json.get_ref<const std::string&>());
   if (!json.is_structured()) return json;
   Json result = json.is_array() ? Json::array() : Json::object();
-  if (json.is_array())
-    for (const Json& item : json) result.push_back(with_strings(item, convert));
-  else
-    for (const auto& [key, value] : json.items()) result[convert(key)] = with_strings(value, convert);
+  if (json.is_array()) {
+    for (const Json& item : json) result.push_back(with_encoded_strings(item));
+  } else {  // two names never get the same code, so none is looked for
+    auto& members = result.get_ref<Json::object_t&>();
+    members.reserve(json.size());
+    for (const auto& [key, value] : json.items())
+      members.emplace_back(encode_text(key), with_encoded_strings(value));
+  }
   return result;
 }
 
 }  // namespace
 
-Json parse_json(std::string_view text, const std::string& name) {
-  try {
-    return Json::parse(text.begin(), text.end(), [&](int depth, Json::parse_event_t, Json&) {
-      if (depth > kDeepestJson) fail(ErrorKind::data, "{}: JSON nested deeper than {}", name, kDeepestJson);
-      return true;
-    });
-  } catch (const Json::exception& error) {  // its message holds line and column
-    fail(ErrorKind::data, "{}: malformed JSON: {}", name, error.what());
-  }
-}
+Json parse_json(std::string_view text, const std::string& name) { return parse(text, name, nullptr); }
 
-std::string json_text(const Json& json, int indent) { return with_strings(json, encode_text).dump(indent); }
+std::string json_text(const Json& json, int indent) { return with_encoded_strings(json).dump(indent); }
 
-Json parse_own_json(std::string_view text, const std::string& name) {
-  return with_strings(parse_json(text, name), decode_text);
-}
+Json parse_own_json(std::string_view text, const std::string& name) { return parse(text, name, decode_text); }
 
 }  // namespace ubs

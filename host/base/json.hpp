@@ -13,8 +13,11 @@ using Json = nlohmann::ordered_json;
 
 // The library copies, compares and prints by recursion: a file of brackets alone would overflow the stack.
 inline constexpr int kDeepestJson = 100;
+// 200 000 frames with all that Nerfstudio writes about each are 200 MB.
+inline constexpr std::size_t kLargestJson = std::size_t{512} << 20;
 
-// Throws Error(data) that starts with `name` for what is no JSON, or nested deeper.
+// Throws Error(data) that starts with `name` for what is no JSON, nested deeper, or larger, and Error(memory) for
+// what does not fit into the memory that is left. Takes time proportional to the text.
 Json parse_json(std::string_view text, const std::string& name);
 
 // For files of ours, whose strings, names of members too, hold paths and other bytes (text.hpp). Never throws

@@ -113,6 +113,24 @@ std::uint64_t memory_left() {
                   addresses == kNoMemoryLimit ? addresses : less(addresses, kDriverAddresses));
 }
 
+std::uint64_t memory_available() {
+  std::uint64_t available = memory_limit();
+  if (available != kNoMemoryLimit) available = less(available, resident_bytes());
+  available = std::min(available, process_memory().left);
+  std::ifstream lines("/proc/meminfo");
+  for (std::string word; lines >> word;) {
+    std::uint64_t kib = 0;
+    if (word == "MemAvailable:" && lines >> kib) return std::min(available, kib << 10);
+  }
+  return available;
+}
+
+void require_memory(std::uint64_t bytes, const std::string& what) {
+  if (const std::uint64_t available = memory_available(); bytes > available)
+    fail(ErrorKind::memory, "{} needs {:.0f} MiB of memory, {:.0f} are available{}", what, mib(bytes),
+         mib(available), memory_limits_text());
+}
+
 void check_driver_fits() {
   const MemoryRoom room = room_of(kProcessLimits[0]);
   if (room.left < kDriverLibraries)

@@ -34,6 +34,13 @@ MemoryRoom process_memory() noexcept;
 // without what the process already holds and what the device's compiler needs.
 std::uint64_t memory_left();
 
+// What the machine and all limits can give without swapping, for what is no buffer of a device.
+std::uint64_t memory_available();
+
+// Throws Error(memory) that starts with `what`, with the numbers, where more bytes are wanted than
+// memory_available() has. For sizes that a file states.
+void require_memory(std::uint64_t bytes, const std::string& what);
+
 // Throws Error(memory) where the process's limits leave no room for an OpenCL driver.
 void check_driver_fits();
 

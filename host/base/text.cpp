@@ -57,6 +57,16 @@ std::string encode_text(std::string_view bytes) {
   return text;
 }
 
+std::string shortened(std::string_view text) {
+  constexpr std::size_t kStart = 1400, kEnd = 500;
+  if (text.size() <= kStart + kEnd + 100) return std::string(text);
+  const auto inside = [&](std::size_t at) { return (static_cast<unsigned char>(text[at]) & 0xc0) == 0x80; };
+  std::size_t first = kStart, last = text.size() - kEnd;
+  for (int i = 0; i < 3 && inside(first); ++i) --first;  // whole characters of UTF-8
+  for (int i = 0; i < 3 && inside(last); ++i) ++last;
+  return fmt::format("{} [... {} bytes ...] {}", text.substr(0, first), last - first, text.substr(last));
+}
+
 std::string decode_text(std::string_view text) {
   std::string bytes;
   bytes.reserve(text.size());

@@ -24,6 +24,10 @@ std::string decode_text(std::string_view text);
 // Returns a duration for people: "4.2 s", "48 s", "6 min 5 s", "35 min", "2 h 17 min".
 std::string duration_text(double seconds);
 
+// At most about 2000 bytes: of longer text the start and the end, and between them how much is left out. For
+// messages that quote what a file holds.
+std::string shortened(std::string_view text);
+
 // A word of a POSIX shell that stands for these bytes: as it is where it needs no quotes.
 std::string shell_word(std::string_view bytes);
 

@@ -27,8 +27,9 @@ void set_log(LogFunction function) {
   the_log().function = std::move(function);
 }
 
-void log_line(LogLevel level, const std::string& text) noexcept {
+void log_line(LogLevel level, const std::string& whole) noexcept {
   try {
+    const std::string text = shortened(whole);
     const std::lock_guard lock(the_log().mutex);
     if (const LogFunction function = the_log().function)
       function(level, text);

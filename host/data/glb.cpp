@@ -22,6 +22,7 @@ namespace {
 constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChunk = 0x004e4942;
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
+constexpr std::size_t kLeastSplatBytes = 14;
 constexpr double kNodeRounding = 1e-6;  // of what turns and scales nothing: a few steps of float32 at 1
 
 std::string sh_name(int degree, int order) {
@@ -220,11 +221,16 @@ void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
 }
 
-ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, const std::string& name) {
+// `before`: splats of the primitives before it. A splat has 14 numbers of a byte or more, and primitives
+// share none, so that a small file cannot stand for more splats than it holds.
+ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
+                              const std::string& name) {
   const Json& attributes = primitive.at("attributes");
   const std::size_t positions = attributes.at("POSITION").get<std::size_t>();
   const std::size_t count = glb.json.at("accessors").at(positions).at("count").get<std::size_t>();
-  if (count > glb.bin.size()) fail(ErrorKind::data, "{}: {} splats do not fit into the file", name, count);
+  if (const std::size_t most = glb.bin.size() / kLeastSplatBytes; count > most || before > most - count)
+    fail(ErrorKind::data, "{}: {} splats, behind {} of other primitives, do not fit into the file", name,
+         count, before);
   const auto get = [&](const std::string& key, std::size_t width) {
     if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
     return read_accessor(glb, attributes.at(key).get<std::size_t>(), width, count, name);
@@ -376,7 +382,7 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
           fail(ErrorKind::data, "{}: kernel '{}' with further extensions: plain ellipses are supported", name,
                kernel);
         if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
-        ImportedSplats part = read_primitive(glb, primitive, name);
+        ImportedSplats part = read_primitive(glb, primitive, splats ? splats->count() : 0, name);
         part.offset = place_of_mesh(glb.json, m, name);
         if (splats && splats->offset != part.offset)
           fail(ErrorKind::data, "{}: primitives of different places are not supported", name);

@@ -14,6 +14,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/webp.hpp"
@@ -23,10 +24,12 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
+constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // without harmonics
 constexpr int kBookRounds = 20;
-constexpr int kFirstMode = 252;             // alpha of a quaternion whose w is the largest
-constexpr std::size_t kSplatsAByte = 1000;  // of a file, more make no sense
+constexpr int kFirstMode = 252;            // alpha of a quaternion whose w is the largest
+constexpr std::size_t kSplatsAByte = 100;  // of a file, more make no sense
 constexpr std::size_t kSparePixels = 1 << 20;
+constexpr std::size_t kLargestMeta = 1 << 20;  // three books of 256 numbers are 20 KB
 // What meta.json may hold: the rest is named in a note.
 constexpr std::string_view kKnownKeys[] = {"version", "asset",  "count", "antialias", "model",
                                            "means",   "scales", "quats", "sh0",       "shN"};
@@ -204,7 +207,8 @@ struct SogImages {
   }
   Rgba8 get(const char* group, std::size_t file, std::size_t least) const {
     const auto member = meta.at(group).at("files").at(file).get<std::string>();
-    Rgba8 image = decode_webp(files(member), 4 * least + kSparePixels, fmt::format("{}: {}", name, member));
+    Rgba8 image =
+        decode_webp(files(member), least + least / 4 + kSparePixels, fmt::format("{}: {}", name, member));
     if (image.rgba.size() / 4 < least)
       fail(ErrorKind::data, "{}: {}: {} pixels, {} are needed", name, member, image.rgba.size() / 4, least);
     return image;
@@ -286,6 +290,8 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
   for (std::size_t c = 0; c < 3; ++c)
     scale_book[c] = images.book("scales", c), colour_book[c] = images.book("sh0", c);
   const std::vector<float> logits = version == 1 ? images.book("sh0", 3) : std::vector<float>();
+  require_memory(n * (kSplatBytes + 12 * splats.coefficients()),
+                 fmt::format("{}: {} splats", images.name, n));
   splats.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint8_t* const q = &quats.rgba[4 * i];
@@ -441,7 +447,8 @@ ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& n
     std::erase(members, prefix + member);
     return zip.get(prefix + member);
   };
-  const std::vector<std::byte> text = get("meta.json");
+  std::erase(members, prefix + "meta.json");
+  const std::vector<std::byte> text = zip.get(prefix + "meta.json", kLargestMeta);
   ImportedSplats splats = read_meta(get, parse_meta(text, name), file.size(), name);
   std::erase_if(members, [](const std::string& member) { return member.ends_with('/'); });
   if (!members.empty())
@@ -463,6 +470,9 @@ ImportedSplats load_sog(const std::filesystem::path& path) {
   const std::string name = path.string();
   const std::vector<std::byte> bytes = read_file(path);
   if (bytes.size() < 2 || bytes[0] == std::byte{'P'}) return read_bundle(bytes, name);
+  if (bytes.size() > kLargestMeta)
+    fail(ErrorKind::data, "{}: {} bytes, but a meta.json of SOG has at most {}", name, bytes.size(),
+         kLargestMeta);
   const Json meta = parse_meta(bytes, name);
   std::size_t all = 0;
   for (const std::filesystem::path& entry : folder_entries(folder_of(path)))

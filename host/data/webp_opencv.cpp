@@ -5,6 +5,7 @@
 
 #include "host/base/byte_reader.hpp"
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/data/opencv_parts.hpp"
 #include "host/data/webp.hpp"
 
@@ -12,6 +13,7 @@ namespace ubs {
 namespace {
 
 constexpr int kLosslessQuality = 101;
+constexpr std::size_t kPixelBytes = 12;  // the decoder's own, OpenCV's and ours
 
 // OpenCV has B, G, R, A; both ways are the same exchange.
 void exchange_red_and_blue(std::span<std::uint8_t> rgba) {
@@ -65,6 +67,7 @@ std::vector<std::byte> encode_webp(const Rgba8& image) {
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name) {
   if (const std::size_t pixels = stated_pixels(bytes, name); pixels > most_pixels)
     fail(ErrorKind::data, "{}: {} pixels, at most {} make sense", name, pixels, most_pixels);
+  require_memory(kPixelBytes * stated_pixels(bytes, name), name);
   cv::Mat image;
   try {
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));

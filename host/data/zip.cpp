@@ -108,11 +108,13 @@ std::vector<std::string> ZipReader::names() const {
   return names;
 }
 
-std::vector<std::byte> ZipReader::get(const std::string& member) const {
+std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t most_bytes) const {
   const std::string name = fmt::format("{}: {}", name_, member);
   const auto found = members_.find(member);
   if (found == members_.end()) fail(ErrorKind::data, "{}: not in the archive", name);
   const Member& m = found->second;
+  if (m.size > most_bytes)
+    fail(ErrorKind::data, "{}: {} bytes, at most {} make sense", name, m.size, most_bytes);
   if (m.at > file_.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
   ByteReader in(file_.subspan(m.at), name);
   if (in.read<std::uint32_t>() != kLocal) fail(ErrorKind::data, "{}: damaged ZIP archive", name);

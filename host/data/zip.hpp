@@ -27,8 +27,8 @@ class ZipWriter {
 class ZipReader {
  public:
   ZipReader(std::span<const std::byte> file, std::string name);
-  // Throws Error(data) where there is no such member.
-  std::vector<std::byte> get(const std::string& member) const;
+  // Throws Error(data) where there is no such member, or one of more bytes.
+  std::vector<std::byte> get(const std::string& member, std::size_t most_bytes = UINT32_MAX) const;
   std::vector<std::string> names() const;
 
   struct Member {

@@ -1,13 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/opencl/driver_cache.hpp"
 
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
+#include <iterator>
+#include <map>
 #include <mutex>
+#include <set>
+#include <span>
+#include <sstream>
 #include <vector>
 
 #include "host/base/cache_folder.hpp"
+#include "host/base/crc32.hpp"
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/base/warning.hpp"
 
 namespace ubs::opencl {
 namespace {
@@ -45,6 +59,139 @@ void remove_unused(const fs::path& folder) {
       if (age(program / "last_accessed") > kUnusedAge) fs::remove_all(program, ignored);
 }
 
+// What is known of a compiled file: a file of the same size and time of change, looked at since the machine
+// was started, is as it was.
+struct FileSum {
+  std::uint32_t crc = 0;
+  std::uint64_t size = 0;
+  std::int64_t changed = 0;  // ctime [ns]
+};
+using FileSums = std::map<std::string, FileSum>;  // by the path below the folder of the cache
+
+constexpr const char* kSums = "sums";
+
+std::string boot_id() {
+  std::string id;
+  std::ifstream("/proc/sys/kernel/random/boot_id") >> id;
+  return id;
+}
+
+std::int64_t nanoseconds(const timespec& t) { return std::int64_t{1'000'000'000} * t.tv_sec + t.tv_nsec; }
+
+// When the machine was started [ns].
+std::int64_t boot_time() {
+  timespec now{}, up{};
+  ::clock_gettime(CLOCK_REALTIME, &now);
+  ::clock_gettime(CLOCK_BOOTTIME, &up);
+  return nanoseconds(now) - nanoseconds(up);
+}
+
+// Empty where the list is missing or damaged itself.
+FileSums read_sums(const fs::path& folder, bool& same_boot) {
+  std::string text;
+  std::error_code error;
+  if (!fs::is_regular_file(folder / kSums, error)) return {};
+  try {
+    text = read_text_file(folder / kSums);
+  } catch (const Error&) {
+    return {};
+  }
+  const std::size_t end = text.rfind("end ");
+  if (end == std::string::npos ||
+      text.substr(end) != fmt::format("end {:08x}\n", crc32(std::as_bytes(std::span(text.data(), end)))))
+    return {};
+  std::istringstream lines(text.substr(0, end));
+  std::string boot, path;
+  std::getline(lines, boot);
+  same_boot = boot == boot_id();
+  FileSums sums;
+  for (FileSum sum; lines >> sum.crc >> sum.size >> sum.changed && std::getline(lines >> std::ws, path);)
+    sums[path] = sum;
+  return sums;
+}
+
+void write_sums(const fs::path& folder, const FileSums& sums) {
+  std::string text = boot_id() + "\n";
+  for (const auto& [path, sum] : sums)
+    text += fmt::format("{} {} {} {}\n", sum.crc, sum.size, sum.changed, path);
+  text += fmt::format("end {:08x}\n", crc32(std::as_bytes(std::span(text))));
+  // Not by AtomicFile: at the end of a process its static objects are gone. Damage is seen by the last line.
+  const fs::path temporary = folder / fmt::format("tempfile_sums_{}", ::getpid());
+  std::ofstream(temporary, std::ios::binary | std::ios::trunc) << text;
+  std::error_code ignored;
+  fs::rename(temporary, folder / kSums, ignored);
+}
+
+// Compiled files lie in folders of programs, two levels down; PoCL renames them to their names when they are
+// whole, and does not change them.
+std::vector<fs::path> compiled_files(const fs::path& folder) {
+  std::vector<fs::path> files;
+  for (const fs::path& group : entries_of(folder))
+    for (const fs::path& program : entries_of(group)) {
+      std::error_code error;
+      for (fs::recursive_directory_iterator at(program, error), end; !error && at != end; at.increment(error))
+        if (const fs::path kind = at->path().extension(); kind == ".so" || kind == ".bc")
+          files.push_back(at->path());
+    }
+  return files;
+}
+
+// Compares the files with what is known of them, and writes down what they are now. `heal`: programs of
+// damaged files are removed, and counted. A file that nobody has written down is sound where it was written
+// since the machine was started; before, a power cut may have left any part of it.
+std::size_t check_sums(const fs::path& folder, bool heal) {
+  bool same_boot = false, news = false;
+  const FileSums known = read_sums(folder, same_boot);
+  const std::int64_t boot = boot_time();
+  FileSums now;
+  std::set<fs::path> damaged;
+  for (const fs::path& file : compiled_files(folder)) {
+    struct stat status {};
+    if (::stat(file.c_str(), &status) != 0) continue;  // another process has removed it
+    const fs::path name = file.lexically_relative(folder);
+    FileSum sum{0, static_cast<std::uint64_t>(status.st_size), nanoseconds(status.st_ctim)};
+    const auto before = known.find(name.string());
+    const bool listed = before != known.end();
+    if (listed && same_boot && before->second.size == sum.size && before->second.changed == sum.changed) {
+      now[name.string()] = before->second;
+      continue;
+    }
+    news = true;
+    bool sound = sum.size > 0 && (listed || nanoseconds(status.st_mtim) >= boot);
+    try {
+      sum.crc = crc32(read_file(file));
+      sound = sound && (!listed || sum.crc == before->second.crc);
+    } catch (const Error&) {
+      sound = false;
+    }
+    if (heal && !sound)
+      damaged.insert(folder / *name.begin() / *std::next(name.begin()));
+    else
+      now[name.string()] = sum;
+  }
+  for (const fs::path& program : damaged) {
+    std::error_code ignored;
+    fs::remove_all(program, ignored);
+    const std::string below = program.lexically_relative(folder).string() + "/";
+    std::erase_if(now, [&](const auto& item) { return item.first.starts_with(below); });
+  }
+  if (news || now.size() != known.size()) write_sums(folder, now);
+  return damaged.size();
+}
+
+std::size_t checked_sums(const fs::path& folder, bool heal) noexcept {
+  try {
+    std::error_code error;
+    return fs::is_directory(folder, error) ? check_sums(folder, heal) : 0;
+  } catch (const std::exception&) {  // a list that cannot be written costs time at the next start
+    return 0;
+  }
+}
+
+// Where no folder can be made: PoCL then has no device, and chooses no folder by itself.
+const fs::path kNoFolder = "/dev/null/ubs";
+constexpr const char* kFolderVariables[] = {"POCL_CACHE_DIR", "XDG_CACHE_HOME", "HOME"};
+
 SetVariable set_variable = nullptr;
 
 // What the environment gives PoCL, where that can be written, else ours.
@@ -55,16 +202,22 @@ fs::path chosen() {
   if (given && *given && folder == fs::absolute(given, ignored)) return folder;
   if (folder.empty()) {
     if (std::getenv("POCL_KERNEL_CACHE") == nullptr) set_variable("POCL_KERNEL_CACHE", "0");
-    folder = temporary_cache();  // it writes even what it does not keep
+    folder = process_cache();  // it writes even what it does not keep
+    return folder.empty() ? kNoFolder : folder / "pocl";
   }
-  if (folder.empty()) return folder;
-  tidy_driver_cache(folder / "pocl");
-  return folder / "pocl";
+  folder /= "pocl";
+  tidy_driver_cache(folder);
+  if (const std::size_t programs = heal_driver_cache(folder); programs > 0)
+    warn_once(
+        fmt::format("{} of the compiled programs in {} were damaged, by a power cut perhaps; they are "
+                    "removed and compiled again",
+                    programs, folder.string()));
+  static const fs::path kept = folder;
+  std::atexit([] { record_driver_cache(kept); });
+  return folder;
 }
 
-void prepare() {
-  if (const fs::path folder = chosen(); !folder.empty()) set_variable("POCL_CACHE_DIR", folder.c_str());
-}
+void prepare() { set_variable("POCL_CACHE_DIR", chosen().c_str()); }
 
 }  // namespace
 
@@ -74,6 +227,14 @@ void prepare_driver_cache() {
   static std::once_flag once;
   if (set_variable != nullptr) std::call_once(once, prepare);
 }
+
+bool driver_has_folder() {
+  return std::ranges::any_of(kFolderVariables, [](const char* name) { return !environment(name).empty(); });
+}
+
+std::size_t heal_driver_cache(const fs::path& folder) { return checked_sums(folder, true); }
+
+void record_driver_cache(const fs::path& folder) { checked_sums(folder, false); }
 
 void tidy_driver_cache(const fs::path& folder) {
   std::error_code ignored;

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <string>
 
+#include "host/base/error.hpp"
 #include "host/base/memory_limit.hpp"
 #include "host/base/warning.hpp"
 #include "host/opencl/cl_api.hpp"
@@ -14,6 +15,8 @@
 
 namespace ubs::opencl {
 namespace {
+
+constexpr const char* kPocl = "Portable Computing Language";
 
 template <typename T>
 T device_value(cl_device_id device, cl_device_info what) {
@@ -148,6 +151,10 @@ std::vector<cl_device_id> devices_of(cl_platform_id platform) {
 }
 
 void add_devices(cl_platform_id platform, const std::string& name, std::vector<Entry>& all) {
+  if (name == kPocl && !driver_has_folder())
+    fail(ErrorKind::data,
+         "it would run compiled kernels from a folder that anybody may have made: set POCL_CACHE_DIR, "
+         "XDG_CACHE_HOME or HOME");
   std::size_t number = 0;
   for (cl_device_id device : devices_of(platform))
     add_if_sound(fmt::format("device {} of the OpenCL platform '{}'", number++, name), [&] {

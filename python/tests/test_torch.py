@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,41 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
         gradient[0].sum().backward()
     for name, values in splats.model().parameters.items():
         assert np.array_equal(values, model.parameters[name])
+
+
+def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None:
+    splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
+    cameras = [view.camera for view in data.test]
+
+    def gradient(k: int) -> tuple[torch.Tensor, torch.Tensor]:
+        rgb = splats(cameras[k])[0]
+        return rgb.detach(), torch.autograd.grad(rgb.sum(), splats.xyz)[0]
+
+    expected = [gradient(k) for k in range(2)]
+    assert not torch.equal(expected[0][0], expected[1][0])
+    wrong: list[int] = []
+
+    def work(k: int) -> None:
+        for _ in range(100):
+            if not all(torch.equal(a, b) for a, b in zip(gradient(k), expected[k])):
+                wrong.append(k)
+
+    threads = [threading.Thread(target=work, args=(k % 2,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_parameters_of_one_splat_are_not_spread_over_all(data: ubs.Dataset) -> None:
+    camera = data.test[0].camera
+    for names in (["opacity"], ["xyz"], None):
+        splats = ubs.torch.Splats(ubs.train(data, iterations=1, init_points=50, dim=6))
+        for name in names or list(splats._parameters):
+            splats._parameters[name] = torch.nn.Parameter(getattr(splats, name).data[:1].clone())
+        with pytest.raises(ubs.UsageError, match=r"has the shape \(1, "):
+            splats(camera)
 
 
 def test_gradients_of_depth_and_camera_are_those_of_the_library(data: ubs.Dataset) -> None:

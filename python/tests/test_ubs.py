@@ -348,6 +348,97 @@ def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, m
                 draw(absurd)
 
 
+def test_integers_that_c_would_wrap_are_refused(model: ubs.Model) -> None:
+    for splats in (2**64 + 5, -1, 2**64):
+        with pytest.raises(ubs.UsageError, match="is not an integer from 0"):
+            ubs.Model.empty(3, splats)
+    assert len(ubs.Model.empty(3, np.int64(5))) == 5
+    renderer = ubs.Renderer(model, gradients=True)
+    with pytest.raises(ubs.UsageError, match="2\\^31"):
+        renderer.array("v_rgb", size=(2**64 + 40, 40))
+    with pytest.raises(ubs.UsageError, match="is not an integer from 0"):
+        renderer.array("parameters", 2**32)
+
+
+def test_a_process_forked_from_one_with_a_device_says_so(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    expected = model.render(camera)
+    for case in (
+        lambda: model.render(camera),
+        lambda: model.copy().render(camera),
+        lambda: ubs.devices(),
+        lambda: ubs.metrics.psnr(expected, expected),
+        lambda: ubs.Trainer(data, **SETTINGS),
+    ):
+        child = os.fork()
+        if child == 0:
+            signal.alarm(60)  # a hang ends by a signal
+            try:
+                case()
+                os._exit(1)
+            except ubs.DeviceError as error:
+                os._exit(0 if "spawn" in str(error) else 2)
+            except BaseException:
+                os._exit(3)
+        assert os.waitpid(child, 0)[1] == 0
+    child = os.fork()
+    if child == 0:  # what is on the host alone works, and handles of the parent can go
+        signal.alarm(60)
+        same = np.array_equal(model.copy().parameters["xyz"], model.parameters["xyz"])
+        model._renderers.clear()
+        gc.collect()
+        os._exit(0 if same else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    assert np.array_equal(model.render(camera), expected)
+
+
+def test_gradients_of_threads_do_not_mix(data: ubs.Dataset, model: ubs.Model) -> None:
+    cameras = [view.camera for view in data.test]
+    weights = np.ones((40, 40, 3), np.float32)
+    expected = [ubs.vjp(model, camera, weights)["xyz"] for camera in cameras]
+    target = np.zeros((40, 40, 3), np.float32)
+    losses = [ubs.loss(model, camera, target) for camera in cameras]
+    wrong: list[int] = []
+
+    def work(k: int) -> None:
+        for _ in range(60):
+            found, gradient = ubs.loss(model, cameras[k], target)
+            if found != losses[k][0] or not np.array_equal(gradient["xyz"], losses[k][1]["xyz"]):
+                wrong.append(k)
+            if not np.array_equal(ubs.vjp(model, cameras[k], weights)["xyz"], expected[k]):
+                wrong.append(k)
+
+    threads = [threading.Thread(target=work, args=(k % 2,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_a_picture_that_was_not_copied_keeps_its_memory(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    other = replace(camera, width=640, height=480, cx=320, cy=240)
+    expected = model.render(camera)
+    try:
+        seen = model.render(camera, copy=False)
+    except ubs.UsageError:
+        pytest.skip("SKIPPED: the device gives no addresses of its memory")
+    large = model.render(other)  # with another renderer
+    assert np.array_equal(seen, expected)
+    assert np.array_equal(model.render(other), large)
+    renderer = ubs.Renderer(model, gradients=True)
+    renderer.draw(camera)
+    held = np.asarray(renderer.array("rgb"))[1:]  # a part holds it too
+    for draw in (renderer.render, renderer.draw, lambda c: renderer.vjp(c, np.zeros((480, 640, 3)))):
+        with pytest.raises(ubs.UsageError, match="in use"):
+            draw(other)
+    assert np.array_equal(held, expected[1:])
+    renderer.draw(camera)
+    del held
+    assert np.array_equal(renderer.render(other).rgb, large)
+
+
 def test_pictures_have_whole_pixels(data: ubs.Dataset, model: ubs.Model) -> None:
     camera = data.test[0].camera
     for width in (48.5, 48.0, float("nan")):  # ctypes would cut the first

@@ -6,13 +6,14 @@ from __future__ import annotations
 import atexit
 import ctypes
 import logging
+import operator
 import os
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int, c_int32, c_size_t, c_uint
 from ctypes import c_int64, c_uint32, c_uint64, c_void_p
 from pathlib import Path
 from typing import Any, Callable
 
-from ._errors import BY_STATUS, Error, UsageError
+from ._errors import BY_STATUS, DeviceError, Error, UsageError
 
 ABI_VERSION = 1
 logger = logging.getLogger("ubs")
@@ -253,8 +254,44 @@ def version() -> str:
     return str(_library.ubs_version().decode())
 
 
+_LIMITS = {c_int: (-(2**31), 2**31), c_int32: (-(2**31), 2**31), c_uint: (0, 2**32), c_uint32: (0, 2**32),
+           c_size_t: (0, 2**64), c_uint64: (0, 2**64)}
+
+
+def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
+    """ctypes passes the lower bits of those that do not fit."""
+    for kind, value in zip(_FUNCTIONS[name], arguments):
+        if kind in _LIMITS and hasattr(value, "__index__"):
+            low, end = _LIMITS[kind]
+            if not low <= operator.index(value) < end:
+                raise UsageError(f"ubs_{name}: {value} is not an integer from {low} to {end - 1}")
+
+
+# Drivers have threads, and a forked process has none of them: the first call would wait for ever. What is on the
+# host alone works.
+_DRIVEN = ("device", "renderer", "trainer", "meter")
+_drivers_are_loaded = _drivers_are_lost = False
+
+
+def _after_fork() -> None:
+    global _drivers_are_lost
+    _drivers_are_lost = _drivers_are_loaded
+
+
+os.register_at_fork(after_in_child=_after_fork)
+
+
 def call(name: str, *arguments: Any) -> None:
     """Calls ubs_NAME; raises what its status says."""
+    global _drivers_are_loaded
+    if name.startswith(_DRIVEN):
+        if _drivers_are_lost:
+            raise DeviceError(
+                "this process was forked from one that had used a device, and drivers do not work in it: start it "
+                'with multiprocessing.get_context("spawn"), or use devices first after the fork'
+            )
+        _drivers_are_loaded = True
+    _check_integers(name, arguments)
     status = _functions[name](*arguments)
     if status != 0:
         kind = BY_STATUS.get(status, Error)
@@ -274,7 +311,8 @@ class Handle:
 
     def __del__(self) -> None:
         if getattr(self, "_as_parameter_", None):
-            _free[self._kind](self._as_parameter_)
+            if not (_drivers_are_lost and self._kind in _DRIVEN):  # the driver would wait for its threads
+                _free[self._kind](self._as_parameter_)
             self._as_parameter_ = c_void_p()
 
 

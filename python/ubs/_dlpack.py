@@ -97,5 +97,5 @@ class DeviceArray:
         tensor = _Tensor(a.values, a.type, a.ordinal, a.dims, _FLOAT, 32, 1, sizes, steps)
         tensor.deleter = ctypes.cast(_deleter, c_void_p)
         address = ctypes.addressof(tensor)
-        _handed_out[address] = (tensor, sizes, steps, self._owner)
+        _handed_out[address] = (tensor, sizes, steps, self)
         return _new(address, _NAME, ctypes.cast(_destructor, c_void_p))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Sequence
 
 from ._data import Camera, FloatArray, floats
@@ -23,6 +24,11 @@ class Drawing:
             self.place = self.renderer.array("parameters").__dlpack_device__()
         except UsageError:
             pass
+        self.lock = threading.RLock()  # values are put and drawn by several calls, of any thread
+
+    def check_shape(self, name: str, shape: Sequence[int]) -> None:
+        if tuple(shape) != self.values[name].shape:
+            raise UsageError(f"{name} has the shape {tuple(shape)}, not {self.values[name].shape}")
 
     def put(self, arrays: Sequence[FloatArray]) -> None:
         for name, array in zip(self.names, arrays):

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
+import weakref
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -173,6 +175,9 @@ class Model(_abi.Handle):
         memory of a large picture. `copy=False`: where it was drawn, on a CPU with PoCL, and good until the model's next
         picture; UsageError on other devices."""
         renderer = self.renderer(device)
+        if renderer._lends_other(camera.height, camera.width):  # whose memory a picture of this size would take
+            self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
+            renderer = self.renderer(device)
         if copy or out is not None:
             return renderer._draw(camera, time, alpha=False, out=out).rgb
         renderer.draw(camera if time is None else camera.at(time))
@@ -203,6 +208,8 @@ class Renderer(_abi.Handle):
             for key, value in settings.items():
                 chosen.set(key, value)
         self._v_rgb = 0  # address of the array that was handed out last
+        self._lent: list[weakref.ref[DeviceArray]] = []  # of pictures
+        self._lock = threading.RLock()  # gradients come by several calls, of any thread
         super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
 
     def update(self, model: Model) -> None:
@@ -210,6 +217,19 @@ class Renderer(_abi.Handle):
         _abi.call("renderer_update", self, model)
         if self._like is not None and len(self._like) != len(model):
             self._like = model.copy()
+
+    def _lends_other(self, height: int, width: int) -> bool:
+        """Whether somebody holds an array of a picture of another size."""
+        self._lent = [lent for lent in self._lent if lent() is not None]
+        held = (lent() for lent in self._lent)
+        return any(array is not None and array.shape[:2] != (height, width) for array in held)
+
+    def _take_size(self, height: int, width: int) -> None:
+        if self._lends_other(height, width):
+            raise UsageError(
+                f"an array of a picture of another size is in use, and its memory would go: copy and delete it before "
+                f"{width}x{height} pixels are drawn, or use another renderer"
+            )
 
     def render(self, camera: Camera, time: float | None = None) -> Image:
         """Draws a view."""
@@ -232,12 +252,16 @@ class Renderer(_abi.Handle):
         depth = np.empty(size, np.float32) if self._depth else None
         wanted = c_pointer(weight) if alpha else None
         image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth))
-        _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
+        with self._lock:
+            self._take_size(*size)
+            _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
         return Image(rgb, weight, depth)
 
     def draw(self, camera: Camera) -> None:
         """Draws a view and leaves it on the device: array() has it."""
-        _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
+        with self._lock:
+            self._take_size(camera.height, camera.width)
+            _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
 
     def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
         """An array in the memory of its device, of CUDA or a CPU with PoCL, for torch.from_dlpack and its like (a CPU:
@@ -249,15 +273,22 @@ class Renderer(_abi.Handle):
         vjp() or loss().
 
         The library has finished with it. The caller must have too, streams and all, before the next call here. It is
-        good until a view of another size is drawn."""
+        good until a view of another size is drawn, which is refused while somebody holds it."""
         if name not in _abi.ARRAYS:
             raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
+        if not all(0 <= n < 2**31 for n in size):
+            raise UsageError(f"size {size}: whole numbers below 2^31")
         array = _abi.Array()
         array.shape[:2] = size
-        _abi.call("renderer_get_array", self, _abi.ARRAYS.index(name), group, ctypes.byref(array))
-        found = DeviceArray(self, array)
-        if name == "v_rgb":
-            self._v_rgb = found.address
+        with self._lock:
+            if name == "v_rgb":
+                self._take_size(*size)
+            _abi.call("renderer_get_array", self, _abi.ARRAYS.index(name), group, ctypes.byref(array))
+            found = DeviceArray(self, array)
+            if name == "v_rgb":
+                self._v_rgb = found.address
+            if name not in ("parameters", "gradient"):
+                self._lent.append(weakref.ref(found))
         return found
 
     def _gradients(self) -> Model:
@@ -285,10 +316,12 @@ class Renderer(_abi.Handle):
         alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
         depth = None if v_depth is None else floats(v_depth, size, "v_depth")
         v = _abi.ImageGradient(rgb=on_device or c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
-        _abi.call(
-            "renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into if parameters else None
-        )
-        return _copied(into) if parameters else []
+        with self._lock:
+            self._take_size(*size)
+            _abi.call(
+                "renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into if parameters else None
+            )
+            return _copied(into) if parameters else []
 
     def camera_gradient(self) -> CameraGradient:
         """With respect to the camera, of the number whose gradient vjp() or loss() gave last. What the view direction
@@ -320,17 +353,19 @@ class Renderer(_abi.Handle):
         if counts is not None and counts.shape != size:
             raise UsageError(f"mask has the shape {counts.shape}, not {size}")
         out = _abi.Loss()
-        _abi.call(
-            "renderer_loss",
-            self,
-            ctypes.byref(camera.to_c()),
-            c_pointer(wanted),
-            c_pointer(counts),
-            lambda_dssim,
-            ctypes.byref(out),
-            into,
-        )
-        return Loss(out.loss, out.l1, out.ssim), [] if into is None else _copied(into)
+        with self._lock:
+            self._take_size(*size)
+            _abi.call(
+                "renderer_loss",
+                self,
+                ctypes.byref(camera.to_c()),
+                c_pointer(wanted),
+                c_pointer(counts),
+                lambda_dssim,
+                ctypes.byref(out),
+                into,
+            )
+            return Loss(out.loss, out.l1, out.ssim), [] if into is None else _copied(into)
 
 
 def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:

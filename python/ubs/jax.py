@@ -11,7 +11,6 @@ Values go through host memory. There are reverse derivatives of first order, wit
 
 from __future__ import annotations
 
-import threading
 from typing import Any, Callable
 
 import jax
@@ -32,7 +31,6 @@ class Splats:
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
         self._drawing = Drawing(model, device, depth)
         self._depth = depth
-        self._lock = threading.Lock()  # JAX calls from threads of its own
 
     def parameters(self) -> Parameters:
         """Those of the model that it was made with."""
@@ -47,13 +45,14 @@ class Splats:
         shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
 
+        # JAX calls these from threads of its own.
         def draw(parameters: Parameters) -> tuple[FloatArray | None, ...]:
-            with self._lock:
+            with self._drawing.lock:
                 image = self._drawing.draw(camera, self._arrays(parameters))
             return (image.rgb, image.alpha, image.depth)[: len(pictures)]
 
         def differentiate(parameters: Parameters, v: tuple[Any, ...]) -> dict[str, FloatArray]:
-            with self._lock:
+            with self._drawing.lock:
                 return self._drawing.differentiate(camera, self._arrays(parameters), [np.asarray(x) for x in v])
 
         def seen(parameters: Parameters) -> Any:
@@ -70,6 +69,6 @@ class Splats:
 
     def model(self, parameters: Parameters) -> Model:
         """A copy of the model with these values."""
-        with self._lock:
+        with self._drawing.lock:
             self._drawing.put(self._arrays(parameters))
             return self._drawing.model.copy()

@@ -58,6 +58,8 @@ def _wait(tensor: Tensor) -> None:
 
 
 def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
+    for name, tensor in zip(drawing.names, parameters):
+        drawing.check_shape(name, tensor.shape)  # copy_() would spread one splat over all
     if not _is_shared(drawing, parameters[0]):
         drawing.put([_array(tensor) for tensor in parameters])
         return
@@ -126,16 +128,19 @@ class _Render(torch.autograd.Function):
         ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
         ctx.save_for_backward(*parameters)
         ctx.set_materialize_grads(False)
-        return _draw(drawing, ctx.camera, parameters)
+        with drawing.lock:
+            return _draw(drawing, ctx.camera, parameters)
 
     @staticmethod
     @_first_order
     def backward(ctx: Any, *v_pictures: Tensor | None) -> tuple[Any, ...]:
         drawing: Drawing = ctx.drawing
-        found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
         view: list[Tensor | None] = [None, None, None]
-        if any(t is not None and t.requires_grad for t in ctx.view):
-            camera = drawing.renderer.camera_gradient()
+        seen = any(t is not None and t.requires_grad for t in ctx.view)
+        with drawing.lock:
+            found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
+            camera = drawing.renderer.camera_gradient() if seen else None
+        if camera is not None:
             for k, values in enumerate((camera.world_to_camera, camera.intrinsics, camera.time)):
                 given = ctx.view[k]
                 if given is not None:
@@ -174,5 +179,6 @@ class Splats(torch.nn.Module):
 
     def model(self) -> Model:
         """A copy with the values that the parameters have now."""
-        self._drawing.put([_array(tensor) for tensor in self._tensors()])
-        return self._drawing.model.copy()
+        with self._drawing.lock:
+            self._drawing.put([_array(tensor) for tensor in self._tensors()])
+            return self._drawing.model.copy()

@@ -5,6 +5,7 @@
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <new>
+#include <system_error>
 
 namespace ubs {
 namespace {
@@ -18,6 +19,10 @@ TEST_CASE("an exception of any type becomes an error with its exit code") {
   const std::filesystem::filesystem_error file("x", "a/b", std::make_error_code(std::errc::io_error));
   CHECK(exit_code(as_error(file).kind()) == 3);
   CHECK(std::string(as_error(file).what()).starts_with("a/b: "));
+  const std::system_error thread(std::make_error_code(std::errc::resource_unavailable_try_again));
+  CHECK(exit_code(as_error(thread).kind()) == 6);
+  CHECK(std::string(as_error(thread).what()).find("thread") != std::string::npos);
+  CHECK(exit_code(as_error(std::system_error(std::make_error_code(std::errc::io_error))).kind()) == 1);
   CHECK(exit_code(as_error(std::out_of_range("x")).kind()) == 1);
 }
 

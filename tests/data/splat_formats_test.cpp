@@ -7,12 +7,14 @@
 #include <cstring>
 
 #include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/data/ubsz.hpp"
+#include "host/data/zip.hpp"
 #include "host/scene/initialise.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/splats.hpp"
@@ -524,6 +526,45 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
   for (std::size_t cut = 0; cut < bytes.size(); cut += 997)
     CHECK_THAT(message_of([&] { unpack_ubsz(std::span(bytes).first(cut), "cut"); }, ErrorKind::data),
                Contains("cut"));
+}
+
+TEST_CASE("formats: small files that stand for huge models are refused", "[formats]") {
+  const TempFolder folder;
+  const auto refusal = [&](std::span<const std::byte> bytes, const char* name) {
+    write_file_atomically(folder / name, bytes);
+    return message_of([&] { read_foreign_splats(folder / name); });
+  };
+  const auto sog = [&](const std::string& meta) {
+    ZipWriter zip;
+    zip.add("meta.json", std::as_bytes(std::span(meta)));
+    return refusal(zip.finish(), "a.sog");
+  };
+  CHECK_THAT(sog("{\"version\":2,\"count\":1,\"x\":[" + std::string(2'000'000, ' ') + "]}"),
+             Contains("meta.json: 2000") && Contains("at most 1048576"));
+  CHECK_THAT(sog("{\"version\":2,\"count\":100000}"),
+             Contains("100000 splats in ") && Contains("make no sense"));
+
+  // A second primitive that shares all accessors of the first, and a fortieth.
+  write_glb(folder / "a.glb", random_splats(100, 0));
+  const std::string glb = get(folder / "a.glb");
+  std::uint32_t words = 0;
+  std::memcpy(&words, &glb[12], sizeof words);
+  for (const int primitives : {2, 40}) {
+    Json json = parse_json(glb.substr(20, words), "a.glb");
+    Json& list = json["meshes"][0]["primitives"];
+    while (list.size() < static_cast<std::size_t>(primitives)) list.push_back(Json(list[0]));
+    const std::string text = json.dump();
+    const auto size = static_cast<std::uint32_t>(text.size());
+    std::string changed = glb.substr(0, 12) + std::string(8, '\0') + text + glb.substr(20 + words);
+    std::memcpy(&changed[12], &size, sizeof size);
+    std::memcpy(&changed[16], &glb[16], 4);
+    const std::string message = refusal(std::as_bytes(std::span(changed)), "b.glb");
+    if (primitives == 2)
+      CHECK(message.empty());
+    else
+      CHECK_THAT(message,
+                 Contains("b.glb: 100 splats, behind 400 of other primitives, do not fit into the file"));
+  }
 }
 
 TEST_CASE("formats: files of other tools", "[formats][data]") {

@@ -70,6 +70,61 @@ TEST_CASE("a cache folder is made and tried; the temporary one belongs to this u
   CHECK(temporary_cache().empty());
 }
 
+// What a power cut leaves of files that were not synchronised.
+TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
+  const test::TempFolder folder;
+  const auto make = [&] {
+    for (const char* program : {"AB/ONE", "AB/TWO", "CD/THREE"}) {
+      test::put(folder / (program + std::string("/program.bc")), std::string(1000, 'b'));
+      test::put(folder / (program + std::string("/kernel/1-1-1/kernel.so")), std::string(5000, 's'));
+      test::put(folder / (program + std::string("/last_accessed")), "");
+    }
+  };
+  make();
+  CHECK(opencl::heal_driver_cache(folder.path()) == 0);  // another process has written them
+  opencl::record_driver_cache(folder.path());
+  const fs::path file = folder / "AB/ONE/kernel/1-1-1/kernel.so", code = folder / "CD/THREE/program.bc";
+  const auto damage = [&](const fs::path& which, const std::string& content) {
+    test::put(which, content);
+    CHECK(opencl::heal_driver_cache(folder.path()) == 1);
+    CHECK_FALSE(fs::exists(which));
+    CHECK(fs::exists(folder / "AB/TWO/program.bc"));
+    make();
+    opencl::record_driver_cache(folder.path());
+    CHECK(opencl::heal_driver_cache(folder.path()) == 0);
+  };
+  for (const fs::path& which : {file, code}) {
+    const std::string whole = test::get(which);
+    damage(which, "");
+    damage(which, whole.substr(0, whole.size() / 2));
+    damage(which, std::string(whole.size(), '\0'));
+    std::string bit = whole;
+    bit[700] ^= 1;
+    damage(which, bit);
+  }
+  test::put(folder / "EF/NEW/program.bc", "");  // never written down, and nothing
+  CHECK(opencl::heal_driver_cache(folder.path()) == 1);
+  put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);  // since before the machine was started
+  CHECK(opencl::heal_driver_cache(folder.path()) == 1);
+  CHECK_FALSE(fs::exists(folder / "EF/OLD"));
+
+  // After a start of the machine the content counts, whatever the times of the files.
+  std::string sums = test::get(folder / "sums");
+  REQUIRE(sums.find("AB/ONE/program.bc") != std::string::npos);
+  test::put(folder / "sums", sums.substr(0, sums.size() / 2));  // damaged too: all is written down again
+  CHECK(opencl::heal_driver_cache(folder.path()) == 0);
+  CHECK(test::get(folder / "sums") == sums);
+  CHECK(opencl::heal_driver_cache(folder / "missing") == 0);
+  CHECK_FALSE(fs::exists(folder / "missing"));
+}
+
+TEST_CASE("the folder of a process is its own") {
+  const fs::path own = process_cache();
+  REQUIRE(fs::is_directory(own));
+  CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);
+  CHECK(process_cache() == own);
+}
+
 TEST_CASE("UBS_KERNEL_CACHE names the folder of compiled kernels, or none") {
   const test::TempFolder folder;
   {
