@@ -203,13 +203,20 @@ Json describe_data(const Dataset& data) {
 }
 
 bool is_data(const std::string& path) {
-  return is_folder(path) || is_packed(path) || std::filesystem::path(path).extension() == ".json";
+  const std::filesystem::path file = path;
+  // Some formats of splats are archives too (.sog is zip, .spz gzip); a data folder is packed under these
+  // names.
+  const std::string ending = small_extension(file);
+  const bool archive = (ending == ".zip" || ending == ".gz" || ending == ".tgz" || ending == ".tar" ||
+                        ending == ".7z" || ending == ".rar" || ending == ".bz2" || ending == ".xz") &&
+                       !archive_kind(file).empty();
+  return is_folder(file) || is_packed(file) || file.extension() == ".json" || archive;
 }
 
 Dataset open_data(const InfoOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
-  return open_dataset(options.model, {}, settings, Images::skip);
+  return open_undecoded(options.model, settings).data;  // as training opens it: both say the same
 }
 
 // What a packed file says about itself.

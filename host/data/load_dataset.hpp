@@ -53,6 +53,9 @@ bool has_image_extension(const std::filesystem::path& path);
 // The pictures in a folder, sorted, not below it; empty where there is no folder.
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
 
+// Returns zip, tar, 7z and the like by the first bytes of a file; empty for anything else.
+std::string archive_kind(const std::filesystem::path& file);
+
 // The layout that `path` would be opened as; an error that lists what was looked for when there is none.
 std::string detect_layout(const std::filesystem::path& path);
 
