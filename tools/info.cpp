@@ -205,7 +205,7 @@ Json describe_data(const Dataset& data) {
 Dataset open_data(const InfoOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
-  return open_dataset(options.model, {}, settings, Images::skip);
+  return open_undecoded(options.model, settings).data;  // as training opens it: both say the same
 }
 
 // What a packed file says about itself.

@@ -66,6 +66,7 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
                      const std::string& split, const TrainSettings& settings, Images images,
                      const std::optional<OpenedData>& opened) {
   Dataset data = open_dataset(opened, folder, {split}, settings, images);
+  for (const std::string& note : data.report.differences) warn("{}", note);
   warn_skipped(data.report);
   Split taken = take_split(data, split);
   if (data.offset != offset) rebase(taken.views, data.offset, offset);

@@ -13,6 +13,8 @@
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/image_source.hpp"
+#include "host/data/named_files.hpp"
+#include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 
 namespace ubs {
@@ -73,10 +75,8 @@ void refuse_distortion(const Node& frame, const Node& file) {
 }
 
 // Decides the size of the view and, where the file exists, reads the pixels.
-void complete_view(PendingView& pending, const Node& file, const DatasetOptions& options, bool lazy,
-                   const DataRoot& root) {
-  const bool exists = path_exists(pending.image);
-  if (exists) root.check(pending.image, pending.frame.where);
+void complete_view(PendingView& pending, const Node& file, const DatasetOptions& options, bool lazy) {
+  const bool exists = !pending.image.empty();
   const std::optional<ImageSize> stated = stated_size(pending.frame, file, pending.image);
   View& view = pending.view;
   ImageSize original;
@@ -84,12 +84,14 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
     const ImageInfo info = image_file_info(pending.image);
     view.file = pending.image;
     original = info.size;
+    LoadReport notes;  // every reduced image would give the same one; the layout rescales as a rule
+    if (stated) check_image_size(original, *stated, pending.image.string(), notes);
     view.opaque = info.opaque;
   } else if (stated) {
     original = *stated;
   } else {
     fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", pending.frame.where,
-         pending.image.string());
+         pending.frame.text("file_path"));
   }
   const ImageSize actual{downscaled(original.width, options.read.downscale),
                          downscaled(original.height, options.read.downscale)};
@@ -115,7 +117,7 @@ bool has_blender_split(const fs::path& folder, const std::string& split) {
 }
 
 Split load_blender_split(const fs::path& folder, const std::string& split, const DatasetOptions& options,
-                         bool lazy) {
+                         bool lazy, LoadReport* report) {
   const DataRoot root(folder, options.read.allow_outside);
   const std::string path = transforms_path(folder, split).string();
   const Json json = parse_file(root.check(path));
@@ -126,21 +128,52 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
                                              transforms_path(folder, "train").string())
                                 : time_range(json, path);
 
-  std::vector<PendingView> pending;
+  std::vector<StatedName> names;
   for (std::size_t i = 0; i < json["frames"].size(); ++i) {
     const Node frame = frame_node(json, i, path);
-    fs::path image = image_path(folder, frame.text("file_path"));
+    names.push_back({frame.text("file_path"), frame.where});
+  }
+  // The images of all splits are looked for together: r_0 of a split without pictures is not r_0 of another
+  // one.
+  const std::size_t count = names.size();
+  for (const char* name : {"train", "test", "val"}) {
+    if (name == split || !has_blender_split(folder, name)) continue;
+    const std::string other_path = transforms_path(folder, name).string();
+    const Json json_of_other = parse_file(root.check(other_path));
+    for (std::size_t i = 0; i < json_of_other["frames"].size(); ++i) {
+      const Node frame = frame_node(json_of_other, i, other_path);
+      names.push_back({frame.text("file_path"), frame.where});
+    }
+  }
+  NamedFiles files(root, folder);
+  std::vector<fs::path> images = files.find(folder, names, NamedFiles::Kind::image);
+  names.resize(count), images.resize(count);
+  const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
+  if (report && options.load_images && !some) {
+    report->note_difference(fmt::format(
+        "no {} split: none of the {} images of {} exists: the first, {}", split, names.size(),
+        transforms_path(folder, split).filename().string(), files.missing(folder, names[0].name)));
+    return {split, {}};
+  }
+  std::vector<PendingView> pending;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const Node frame = frame_node(json, i, path);
+    if (report && images[i].empty() && some) {
+      report->skip(names[i].name, "no such image");
+      continue;
+    }
     View view;
-    view.name = frame_name(image.string());
+    view.name = frame_name(shown_name(images[i], names[i].name).string());
     set_pose(view.camera, frame);
     view.camera.time = times.normalise(raw_time(frame));
     view.camera.extra = read_query(frame);
-    if (i > 0 && view.camera.extra.size() != pending[0].view.camera.extra.size())
+    if (!pending.empty() && view.camera.extra.size() != pending[0].view.camera.extra.size())
       fail(ErrorKind::data, "{}: 'query' has {} values, frame 0 has {}", frame.where,
            view.camera.extra.size(), pending[0].view.camera.extra.size());
-    pending.push_back({std::move(view), frame, std::move(image)});
+    pending.push_back({std::move(view), frame, images[i]});
   }
-  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, lazy, root); });
+  if (report) files.report(*report);
+  parallel_for(pending.size(), [&](std::size_t i) { complete_view(pending[i], file, options, lazy); });
 
   Split result{split, {}};
   for (PendingView& p : pending) result.views.push_back(std::move(p.view));

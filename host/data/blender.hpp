@@ -18,8 +18,10 @@ bool has_blender_split(const std::filesystem::path& folder, const std::string& s
 // Focal length and principal point come from the frame, else from the file: fl_x/fl_y before
 // camera_angle_x/_y at the same level, fy = fx when nothing describes y, the image centre without cx, cy.
 // Pixel quantities refer to w x h of the JSON and are rescaled when the image has another size.
-// `lazy`: views get a source instead of pixels.
+// `lazy`: views get a source instead of pixels. With a `report`, views without an image file are left out
+// where other views of the split have theirs, and the split is empty where none has and images are wanted;
+// the report says so.
 Split load_blender_split(const std::filesystem::path& folder, const std::string& split,
-                         const DatasetOptions& options = {}, bool lazy = false);
+                         const DatasetOptions& options = {}, bool lazy = false, LoadReport* report = nullptr);
 
 }  // namespace ubs

@@ -84,7 +84,7 @@ void read_binary_cameras(const fs::path& path, ColmapModel& model) {
     const auto width = in.read<std::uint64_t>(), height = in.read<std::uint64_t>();
     std::vector<double> parameters(colmap_parameter_count(name, where));
     for (double& p : parameters) p = in.read<double>();
-    model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
+    add_colmap_camera(model, id, name, width, height, parameters, where);
   }
   check_end(in);
 }
@@ -164,11 +164,25 @@ ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, s
   return camera;
 }
 
+void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& name, std::uint64_t width,
+                       std::uint64_t height, const std::vector<double>& parameters,
+                       const std::string& where) {
+  if (std::ranges::all_of(parameters, [](double p) { return std::isfinite(p); }))
+    model.cameras[id] = make_colmap_camera(name, width, height, parameters, where);
+  else
+    model.unusable.insert(id);
+}
+
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where) {
   double norm = 0;
-  for (const double q : image.rotation) norm += q * q;
-  for (const double t : image.translation)
-    if (!std::isfinite(t)) fail(ErrorKind::data, "{}: the translation is not finite", where);
+  bool finite = true;
+  for (const double q : image.rotation) norm += q * q, finite = finite && std::isfinite(q);
+  for (const double t : image.translation) finite = finite && std::isfinite(t);
+  // A mapper writes these for an image that it could not place, or a camera that it could not determine.
+  if (!finite || model.unusable.contains(image.camera)) {
+    model.unplaced.push_back(image.name);
+    return;
+  }
   if (!(norm > 1e-12) || !std::isfinite(norm))
     fail(ErrorKind::data, "{}: the rotation is no quaternion", where);
   for (double& q : image.rotation) q /= std::sqrt(norm);
@@ -178,28 +192,52 @@ void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& 
   model.images.push_back(std::move(image));
 }
 
-fs::path find_colmap_model(const fs::path& data) {
-  for (const fs::path& folder :
-       {data / "sparse" / "0", data / "sparse", data / "colmap" / "sparse" / "0", data})
-    if (is_model(folder)) return folder;
-  return {};
+fs::path find_colmap_model(const fs::path& data, const std::string& name, LoadReport* report) {
+  std::vector<fs::path> models;
+  const auto add = [&](const fs::path& folder) {
+    if (is_model(folder)) models.push_back(folder);
+  };
+  for (const fs::path& above : {data / "sparse", data / "colmap" / "sparse"}) {
+    if (!models.empty() || !is_folder(above)) continue;
+    add(above / "0");
+    add(above);
+    for (const fs::path& folder : folder_entries(above))
+      if (folder.filename() != "0" && !folder.filename().string().starts_with('.')) add(folder);
+  }
+  if (models.empty()) add(data);
+  if (models.empty() || (models.size() == 1 && name == "auto"))
+    return models.empty() ? fs::path() : models[0];
+  std::vector<std::string> words;
+  std::vector<std::size_t> counts;
+  for (const fs::path& model : models) {
+    counts.push_back(count_colmap_images(model));
+    words.push_back(fmt::format("{} ({} images)", model.lexically_relative(data).string(), counts.back()));
+  }
+  std::size_t chosen = static_cast<std::size_t>(std::ranges::max_element(counts) - counts.begin());
+  if (name != "auto") {
+    const auto named = std::ranges::find_if(models, [&](const fs::path& m) { return m.filename() == name; });
+    if (named == models.end())
+      fail(ErrorKind::usage,
+           "{}: no COLMAP model is called '{}': there are {}; choose one with --colmap-model", data.string(),
+           name, fmt::join(words, ", "));
+    chosen = static_cast<std::size_t>(named - models.begin());
+  }
+  if (report)
+    report->note_difference(
+        fmt::format("{} COLMAP models: {}; {} is used, {}", models.size(), fmt::join(words, ", "),
+                    models[chosen].lexically_relative(data).string(),
+                    name == "auto" ? "the largest (--colmap-model NAME takes another)" : "as asked"));
+  return models[chosen];
 }
 
-void refuse_further_models(const fs::path& data) {
-  std::vector<std::string> models;
-  for (const fs::path& above : {data / "sparse", data / "colmap" / "sparse"})
-    if (is_folder(above))
-      for (const fs::path& folder : folder_entries(above))
-        if (is_model(folder)) models.push_back(folder.lexically_relative(data).string());
-  if (models.empty()) return;
-  const fs::path pictures = is_folder(data / "images") ? data / "images" : data;
-  const fs::path first = data / models.front();
-  fail(
-      ErrorKind::data,
-      "{}: COLMAP's models {} are there, and sparse/0 is not: rename one to that, or give it in the place of "
-      "the folder: {} --images {}",
-      data.string(), fmt::join(models, ", "), shell_word(first.string()),
-      pictures.lexically_relative(first).string());
+std::size_t count_colmap_images(const fs::path& model) {
+  if (!path_exists(model / "cameras.bin")) return count_colmap_text_images(model);
+  if (!path_exists(model / "images.bin")) return 0;
+  std::size_t bytes = 0;
+  std::ifstream stream = open_for_reading(model / "images.bin", bytes);
+  std::uint64_t count = 0;
+  stream.read(reinterpret_cast<char*>(&count), sizeof count);
+  return stream ? static_cast<std::size_t>(count) : 0;
 }
 
 ColmapModel read_colmap_model(const fs::path& folder) {
@@ -207,7 +245,10 @@ ColmapModel read_colmap_model(const fs::path& folder) {
   ColmapModel model;
   read_binary_cameras(folder / "cameras.bin", model);
   read_binary_images(folder / "images.bin", model);
-  if (path_exists(folder / "points3D.bin")) read_binary_points(folder / "points3D.bin", model);
+  if (path_exists(folder / "points3D.bin"))
+    read_binary_points(folder / "points3D.bin", model);
+  else if (path_exists(folder / "points3D.txt"))
+    read_colmap_text_points(folder / "points3D.txt", model);
   return model;
 }
 

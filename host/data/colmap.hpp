@@ -7,10 +7,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "host/data/lens.hpp"
+#include "host/data/load_report.hpp"
 #include "host/data/world_points.hpp"
 
 namespace ubs {
@@ -29,16 +31,22 @@ struct ColmapImage {
 
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
-  std::vector<ColmapImage> images;  // in file order
+  std::vector<ColmapImage> images;    // in file order
+  std::set<std::uint32_t> unusable;   // numbers of cameras whose parameters are not finite
+  std::vector<std::string> unplaced;  // names of images whose pose or camera is not finite: not in `images`
   WorldPoints points;
+  bool scaled_colours = false;  // the text file has colours from 0 to 1
 };
 
-// The folder with cameras.bin or cameras.txt: `data`/sparse/0, `data`/sparse or `data` itself; empty when
-// there is none.
-std::filesystem::path find_colmap_model(const std::filesystem::path& data);
+// Returns the folder with cameras.bin or cameras.txt: of the models in `data`/sparse and the folders below it
+// (else in `data`/colmap/sparse, else `data` itself) the one with the most images, or the one called `name`.
+// Empty when there is none. Where there are several, the report says which is used and why.
+std::filesystem::path find_colmap_model(const std::filesystem::path& data, const std::string& name = "auto",
+                                        LoadReport* report = nullptr);
 
-// Error(data) that names the models in sparse/1 and the like, where there are any.
-void refuse_further_models(const std::filesystem::path& data);
+// Returns how many images a model says that it has, without reading them; 0 for a damaged one.
+std::size_t count_colmap_images(const std::filesystem::path& model);
+std::size_t count_colmap_text_images(const std::filesystem::path& model);
 
 // Binary files are preferred where both kinds exist. points3D may be missing.
 ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
@@ -46,11 +54,16 @@ ColmapModel read_colmap_model(const std::filesystem::path& model_folder);
 // For the readers of both kinds: parameters in COLMAP's order -> lens. `where` starts messages.
 ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, std::uint64_t height,
                                 const std::vector<double>& parameters, const std::string& where);
+// Puts the camera into the model, or its number into `unusable`.
+void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& name, std::uint64_t width,
+                       std::uint64_t height, const std::vector<double>& parameters, const std::string& where);
 // Name of a model number, and how many parameters a model has; an error for unknown ones.
 std::string colmap_model_name(int id, const std::string& where);
 std::size_t colmap_parameter_count(const std::string& model, const std::string& where);
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where);
 
-ColmapModel read_colmap_text(const std::filesystem::path& folder);  // colmap_text.cpp
+// colmap_text.cpp
+ColmapModel read_colmap_text(const std::filesystem::path& folder);
+void read_colmap_text_points(const std::filesystem::path& file, ColmapModel& model);
 
 }  // namespace ubs

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The text files of COLMAP: one record a line, '#' starts a comment line, and in images.txt every second
 // line holds observations (it may be empty). Messages name file:line.
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -53,16 +54,33 @@ class LineReader {
     return std::string(line_.substr(first, line_.find_last_not_of(" \t") + 1 - first));
   }
 
+  // Floating-point numbers must be finite unless the caller deals with others.
   template <typename T>
-  T number(const char* what) {
+  T number(const char* what, bool finite_or_not = false) {
     const std::string_view text = word(what);
     T value{};
     const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
     if (result.ec != std::errc() || result.ptr != text.data() + text.size())
       fail(ErrorKind::data, "{}: {} '{}' is not a number in range", where(), what, text.substr(0, 40));
     if constexpr (std::is_floating_point_v<T>)
-      if (!std::isfinite(value)) fail(ErrorKind::data, "{}: {} is {}", where(), what, text);
+      if (!finite_or_not && !std::isfinite(value)) fail(ErrorKind::data, "{}: {} is {}", where(), what, text);
     return value;
+  }
+
+  // Returns whether the line holds observations: x, y and a point number, any number of times. A line of an
+  // image ends with its name, or has another number of words.
+  bool has_observations() const {
+    std::size_t words = 0;
+    for (std::size_t at = 0; (at = line_.find_first_not_of(" \t", at)) != std::string_view::npos;) {
+      const std::size_t end = std::min(line_.find_first_of(" \t", at), line_.size());
+      double ignored = 0;
+      const auto result = std::from_chars(line_.data() + at, line_.data() + end, ignored);
+      constexpr std::size_t kLooked = 12;  // the rest of an image's line is its name
+      if (words < kLooked && (result.ec == std::errc::invalid_argument || result.ptr != line_.data() + end))
+        return false;
+      ++words, at = end;
+    }
+    return words % 3 == 0;
   }
 
  private:
@@ -77,45 +95,71 @@ void read_text_cameras(const fs::path& path, ColmapModel& model) {
     const std::string name(in.word("camera model"));
     const auto width = in.number<std::uint64_t>("width"), height = in.number<std::uint64_t>("height");
     std::vector<double> parameters;
-    while (in.has_word()) parameters.push_back(in.number<double>("parameter"));
-    model.cameras[id] = make_colmap_camera(name, width, height, parameters, in.where());
+    while (in.has_word()) parameters.push_back(in.number<double>("parameter", true));
+    add_colmap_camera(model, id, name, width, height, parameters, in.where());
   }
 }
 
+// Every image has a second line, which may be empty. Hand-made files leave it out: then the next line is that
+// of an image again.
 void read_text_images(const fs::path& path, ColmapModel& model) {
-  for (LineReader in(path); in.next();) {
+  LineReader in(path);
+  for (bool more = in.next(); more;) {
     ColmapImage image;
     in.number<std::uint32_t>("image number");
-    for (double& q : image.rotation) q = in.number<double>("quaternion");
-    for (double& t : image.translation) t = in.number<double>("translation");
+    for (double& q : image.rotation) q = in.number<double>("quaternion", true);
+    for (double& t : image.translation) t = in.number<double>("translation", true);
     image.camera = in.number<std::uint32_t>("camera number");
     image.name = in.rest("file name");
     add_colmap_image(model, std::move(image), in.where());
-    in.next(true);
-  }
-}
-
-void read_text_points(const fs::path& path, ColmapModel& model) {
-  for (LineReader in(path); in.next();) {
-    in.number<std::uint64_t>("point number");
-    std::array<double, 3> position{};
-    std::array<std::uint8_t, 3> colour{};
-    for (double& c : position) c = in.number<double>("coordinate");
-    for (std::uint8_t& c : colour) c = in.number<std::uint8_t>("colour");
-    in.number<double>("error");
-    check_point(position, model.points.positions.size(), in.where());
-    model.points.positions.push_back(position);
-    model.points.colours.push_back(colour);
+    more = in.next(true);
+    if (more && in.has_observations()) more = in.next();
   }
 }
 
 }  // namespace
 
+// Colours are whole numbers from 0 to 255. Hand-made files have them as 29.0, or from 0 to 1.
+void read_colmap_text_points(const fs::path& path, ColmapModel& model) {
+  std::vector<std::array<double, 3>> colours;
+  bool fractions = false;
+  double largest = 0;
+  for (LineReader in(path); in.next();) {
+    in.number<std::uint64_t>("point number");
+    std::array<double, 3> position{}, colour{};
+    for (double& c : position) c = in.number<double>("coordinate");
+    for (double& c : colour) {
+      c = in.number<double>("colour");
+      if (!(c >= 0 && c <= 255)) fail(ErrorKind::data, "{}: colour '{}' is not from 0 to 255", in.where(), c);
+      fractions = fractions || c != std::floor(c);
+      largest = std::max(largest, c);
+    }
+    if (in.has_word()) in.number<double>("error");
+    check_point(position, model.points.positions.size(), in.where());
+    model.points.positions.push_back(position);
+    colours.push_back(colour);
+  }
+  model.scaled_colours = fractions && largest <= 1;
+  for (const std::array<double, 3>& colour : colours) {
+    std::array<std::uint8_t, 3> bytes{};
+    for (std::size_t k = 0; k < 3; ++k)
+      bytes[k] = static_cast<std::uint8_t>(std::lround(model.scaled_colours ? 255 * colour[k] : colour[k]));
+    model.points.colours.push_back(bytes);
+  }
+}
+
+std::size_t count_colmap_text_images(const fs::path& model) {
+  if (!path_exists(model / "images.txt")) return 0;
+  std::size_t count = 0;
+  for (LineReader in(model / "images.txt"); in.next();) count += !in.has_observations();
+  return count;
+}
+
 ColmapModel read_colmap_text(const fs::path& folder) {
   ColmapModel model;
   read_text_cameras(folder / "cameras.txt", model);
   read_text_images(folder / "images.txt", model);
-  if (path_exists(folder / "points3D.txt")) read_text_points(folder / "points3D.txt", model);
+  if (path_exists(folder / "points3D.txt")) read_colmap_text_points(folder / "points3D.txt", model);
   return model;
 }
 

@@ -18,13 +18,18 @@ DataRoot::DataRoot(const fs::path& data, bool allow_outside) : allow_outside_(al
 
 void DataRoot::add(const fs::path& folder) { roots_.push_back(resolved_path(folder)); }
 
-const fs::path& DataRoot::check(const fs::path& path, const std::string& where) const {
-  if (allow_outside_ || !path_exists(path)) return path;
+bool DataRoot::leads_outside(const fs::path& path) const {
+  if (allow_outside_ || !path_exists(path)) return false;
   const fs::path target = resolved_path(path);
-  for (const fs::path& root : roots_)
-    if (std::ranges::mismatch(root, target).in1 == root.end()) return path;
+  return std::ranges::none_of(
+      roots_, [&](const fs::path& root) { return std::ranges::mismatch(root, target).in1 == root.end(); });
+}
+
+const fs::path& DataRoot::check(const fs::path& path, const std::string& where) const {
+  if (!leads_outside(path)) return path;
   fail(ErrorKind::data, "{}{}{}: is {}, outside of the data folder {}; --allow-outside reads it all the same",
-       where, where.empty() ? "" : ": ", path.string(), target.string(), roots_.front().string());
+       where, where.empty() ? "" : ": ", path.string(), resolved_path(path).string(),
+       roots_.front().string());
 }
 
 }  // namespace ubs

@@ -20,6 +20,9 @@ class DataRoot {
   // followed, it leads out of the folders. What is not there leads nowhere.
   const std::filesystem::path& check(const std::filesystem::path& path, const std::string& where = "") const;
 
+  // Returns whether the path, all links followed, leads out of the folders.
+  bool leads_outside(const std::filesystem::path& path) const;
+
  private:
   bool allow_outside_;
   std::vector<std::filesystem::path> roots_;  // absolute, without links

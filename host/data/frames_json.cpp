@@ -10,6 +10,7 @@
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/load_dataset.hpp"
+#include "host/data/name_index.hpp"
 
 namespace ubs::frames {
 
@@ -90,8 +91,68 @@ std::array<double, 3> Node::vector(const char* key) const {
   return result;
 }
 
+namespace {
+
+constexpr char kMarker = '\1';  // begins a string that stands for a word that is no JSON
+
+// Python's json writes NaN and Infinity, which are no JSON. Returns the text with every one as a marked
+// string.
+std::string with_marked_nan(const std::string& text) {
+  std::string result;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size();) {
+    std::string_view found;
+    for (const std::string_view word : {"-Infinity", "Infinity", "-NaN", "NaN", "-inf", "inf", "-nan", "nan"})
+      if (!in_string && found.empty() && std::string_view(text).substr(i, word.size()) == word) found = word;
+    if (!found.empty()) {
+      result += fmt::format("\"\\u0001{}\"", found);
+      i += found.size();
+      continue;
+    }
+    if (in_string && text[i] == '\\' && i + 1 < text.size())
+      result += text[i++];
+    else if (text[i] == '"')
+      in_string = !in_string;
+    result += text[i++];
+  }
+  return result;
+}
+
+// Throws where a marked string is at or below `json`; `field` is the name of the member that holds it.
+void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
+  if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
+    fail(ErrorKind::data, "{}: '{}' has the value {}, which is no number", where, field,
+         json.get_ref<const std::string&>().substr(1));
+  if (!json.is_structured()) return;
+  for (const auto& [key, value] : json.items()) refuse_marked(value, field.empty() ? key : field, where);
+}
+
+// Throws Error(data) that names frame and field where the text would be JSON but for NaN and Infinity.
+void refuse_nan(const std::string& text, const std::string& name, const char* list) {
+  Json json;
+  try {
+    json = parse_json(with_marked_nan(text), name);
+  } catch (const Error&) {  // damaged in another way too: the first error says how
+    return;
+  }
+  if (json.is_object() && json.contains(list) && json[list].is_array())
+    for (std::size_t i = 0; i < json[list].size(); ++i)
+      refuse_marked(json[list][i], "",
+                    fmt::format("{}: {} {}", name, std::string(list, std::strlen(list) - 1), i));
+  refuse_marked(json, "", name);
+}
+
+}  // namespace
+
 Json parse_file(const fs::path& path, const char* list) {
-  Json json = parse_json(read_text_file(path), path.string());
+  const std::string text = read_text_file(path);
+  Json json;
+  try {
+    json = parse_json(text, path.string());
+  } catch (const Error&) {
+    refuse_nan(text, path.string(), list);
+    throw;
+  }
   if (!json.is_object()) fail(ErrorKind::data, "{}: the top level must be an object", path.string());
   if (!json.contains(list)) fail(ErrorKind::data, "{}: field '{}' is missing", path.string(), list);
   if (!json[list].is_array() || json[list].empty())
@@ -171,24 +232,10 @@ void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSi
   camera.cy = lookup(frame, file, "cy").value_or(high / 2) * scale_y;
 }
 
-// Published files leave the extension out and mean .png ("r_0.5" has none either). Exporters on Windows write
-// backslashes between folders, which are part of a name elsewhere.
-fs::path image_path(const fs::path& folder, const std::string& file_path) {
-  const auto find = [&](const std::string& name) {
-    const fs::path path = (folder / name).lexically_normal();
-    if (has_image_extension(path)) return path;
-    for (const char* extension : {".png", ".jpg", ".jpeg", ".exr", ".webp"}) {
-      const fs::path candidate = fs::path(path).concat(extension);
-      if (path_exists(candidate)) return candidate;
-    }
-    return fs::path(path).concat(".png");
-  };
-  fs::path path = find(file_path);
-  if (path_exists(path) || file_path.find('\\') == std::string::npos) return path;
-  std::string slashes = file_path;
-  std::ranges::replace(slashes, '\\', '/');
-  fs::path elsewhere = find(slashes);
-  return path_exists(elsewhere) ? elsewhere : path;
+fs::path shown_name(const fs::path& found, const std::string& stated) {
+  if (!found.empty()) return found;
+  const std::vector<std::string> parts = path_components(stated);
+  return parts.empty() ? fs::path(stated) : fs::path(parts.back());
 }
 
 std::string frame_name(const std::string& file_path) {

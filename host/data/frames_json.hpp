@@ -49,9 +49,9 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const 
 // `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);
 
-// Published files leave the extension out and mean .png ("r_0.5" has none either). Backslashes part folders
-// where that names a file.
-std::filesystem::path image_path(const std::filesystem::path& folder, const std::string& file_path);
+// Returns the file of a frame, or the last component of its stated name where no file was found: what the
+// view is named after.
+std::filesystem::path shown_name(const std::filesystem::path& found, const std::string& stated);
 std::string frame_name(const std::string& file_path);  // without folder and extension
 
 }  // namespace ubs::frames

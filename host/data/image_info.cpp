@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <string_view>
 #include <vector>
 
 #include "host/base/error.hpp"
@@ -93,7 +94,27 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
   return true;
 }
 
+// Formats that people bring and no decoder of this program reads, by bytes at a place of the file.
+struct UnreadFormat {
+  std::size_t at;
+  std::string_view bytes;
+  const char* name;
+};
+constexpr UnreadFormat kUnread[] = {
+    {4, "ftypavif", "AVIF"},    {4, "ftypavis", "AVIF"},      {4, "ftypheic", "HEIC"},
+    {4, "ftypheix", "HEIC"},    {4, "ftypmif1", "HEIF"},      {4, "ftypmsf1", "HEIF"},
+    {4, "ftyphevc", "HEIC"},    {0, "GIF8", "GIF"},           {4, "JXL ", "JPEG XL"},
+    {0, "\xff\x0a", "JPEG XL"}, {4, "ftypcrx ", "Canon CR3"}, {0, "8BPS", "PSD"},
+};
+
 }  // namespace
+
+void refuse_unread_format(std::string_view head, const std::string& name) {
+  for (const UnreadFormat& format : kUnread)
+    if (head.size() >= format.at + format.bytes.size() &&
+        head.substr(format.at, format.bytes.size()) == format.bytes)
+      fail(ErrorKind::data, "{}: format {} is not supported: convert to JPEG or PNG", name, format.name);
+}
 
 ImageInfo image_file_info(const std::filesystem::path& path) {
   std::size_t bytes = 0;
@@ -103,6 +124,12 @@ ImageInfo image_file_info(const std::filesystem::path& path) {
   stream.clear();
   stream.seekg(0);
   if (jpeg_info(stream, info)) return info;
+  stream.clear();
+  stream.seekg(0);
+  std::string head(16, '\0');
+  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
+  refuse_unread_format(std::string_view(head).substr(0, static_cast<std::size_t>(stream.gcount())),
+                       path.string());
   return decoded_info(path);
 }
 

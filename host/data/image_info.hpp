@@ -4,6 +4,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <string_view>
 
 #include "host/data/image.hpp"
 
@@ -16,6 +18,10 @@ struct ImageInfo {
 };
 
 ImageInfo image_file_info(const std::filesystem::path& path);
+
+// Throws Error(data) that names the format where the first bytes of a file are those of AVIF, HEIC, GIF and
+// the like, which are not supported.
+void refuse_unread_format(std::string_view head, const std::string& name);
 
 // Of a format whose header is not read here, by decoding the file.
 ImageInfo decoded_info(const std::filesystem::path& path);

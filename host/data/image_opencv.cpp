@@ -38,6 +38,7 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
       if (!image.empty()) return image;
     }
     if (is_png(bytes)) return decode_png(bytes, path.string());
+    refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
     if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())  // as in programs that use libubs
       fail(ErrorKind::data,
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "

@@ -13,6 +13,7 @@
 #include "host/data/data_root.hpp"
 #include "host/data/image_source.hpp"
 #include "host/data/load_dataset.hpp"
+#include "host/data/named_files.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/video.hpp"
 #include "host/data/view_image.hpp"
@@ -233,6 +234,11 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
     if (options.read.images != "auto") root.add(images);  // the user's word
     scene = load_static(images, rows, root, options);
   }
+  NamedFiles files(root, folder);  // for what the folder holds beside: no file is named in this layout
+  for (const Split& split : scene.splits)
+    for (const View& view : split.views)
+      if (!view.file.empty()) files.use(view.file);
+  files.report(scene.report);
   for (const char* name : {"points3d.ply", "points3D.ply"})
     if (!scene.points && path_exists(folder / name)) take_points(root.check(folder / name), scene);
   return scene;

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/base/file.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
@@ -34,17 +35,22 @@ constexpr const char* kSplits[] = {"train", "test", "val"};
 
 LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) {
   LoadedScene scene;
-  for (const char* split : kSplits)
-    if (has_blender_split(folder, split))
-      scene.splits.push_back(load_blender_split(folder, split, options, true));
-  if (scene.splits.empty())
+  std::vector<std::string> empty;
+  for (const char* name : kSplits) {
+    if (!has_blender_split(folder, name)) continue;
+    Split split = load_blender_split(folder, name, options, true, &scene.report);
+    if (split.views.empty())
+      empty.push_back(name);
+    else
+      scene.splits.push_back(std::move(split));
+  }
+  if (scene.splits.empty() && empty.empty())
     fail(ErrorKind::data,
          "{}: no transforms_train.json, transforms_val.json or transforms_test.json in this folder",
          folder.string());
-  std::size_t without = 0;
-  for (const Split& split : scene.splits)
-    for (const View& view : split.views) without += options.load_images && !view.has_image();
-  if (without > 0) scene.report.note(fmt::format("{} views without an image file: cameras only", without));
+  if (scene.splits.empty() || std::ranges::find(empty, "train") != empty.end())
+    fail(ErrorKind::data, "{}: {}; copy the images there or correct 'file_path'", folder.string(),
+         scene.report.notes.front());
   const fs::path points = folder / "points3d.ply";
   if (path_exists(points)) take_points(DataRoot(folder, options.read.allow_outside).check(points), scene);
   return scene;
@@ -90,7 +96,7 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 void take_points(const fs::path& file, LoadedScene& scene) {
   WorldPoints points = read_world_points(file);
   if (is_random_filling(points))
-    scene.report.note(
+    scene.report.note_difference(
         fmt::format("{}: {} uniformly random points, as 3DGS code writes them where the data have none: "
                     "not used",
                     file.filename().string(), points.positions.size()));
@@ -99,16 +105,17 @@ void take_points(const fs::path& file, LoadedScene& scene) {
 }
 
 bool has_image_extension(const fs::path& path) {
-  static const std::set<std::string> kKnown{".png", ".jpg",  ".jpeg", ".exr",
-                                            ".tif", ".tiff", ".webp", ".bmp"};
+  static const std::set<std::string> kKnown{".png", ".jpg", ".jpeg", ".jpe",  ".jfif",
+                                            ".exr", ".tif", ".tiff", ".webp", ".bmp"};
   return kKnown.contains(small_extension(path));
 }
 
 std::vector<fs::path> pictures_in(const fs::path& folder) {
   std::vector<fs::path> pictures;
   if (!is_folder(folder)) return pictures;
-  for (const fs::path& file : folder_entries(folder))
-    if (has_image_extension(file) && is_regular(file)) pictures.push_back(file);
+  for (const fs::path& file : folder_entries(folder))  // hidden ones are of macOS and hold no pixels
+    if (!file.filename().string().starts_with('.') && has_image_extension(file) && is_regular(file))
+      pictures.push_back(file);
   return pictures;
 }
 
@@ -116,6 +123,7 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
   const DatasetOptions usual;
   for (const auto& [option, given] :
        {std::pair{"--images", options.read.images != usual.read.images},
+        std::pair{"--colmap-model", options.read.colmap_model != usual.read.colmap_model},
         std::pair{"--test-every", options.read.test_every != usual.read.test_every},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
     if (given && used.find(option) == std::string_view::npos)
@@ -149,7 +157,7 @@ constexpr Layout kLayouts[] = {
      },
      load_nerfstudio, "transforms.json", "--test-every"},
     {"colmap", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
-     "sparse/0/cameras.bin or .txt (COLMAP)", "--images --test-every"},
+     "sparse/0/cameras.bin or .txt (COLMAP)", "--images --colmap-model --test-every"},
     {"llff", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); }, load_llff,
      "poses_bounds.npy (LLFF, N3V)", "", true},
 };
@@ -162,6 +170,19 @@ const Layout& layout_named(std::string_view name) {
   fail(ErrorKind::usage, "layout '{}' is not known: {}", name, fmt::join(names, ", "));
 }
 
+// A folder may hold transforms files of other names, such as transforms_colmap.json: those with frames.
+void name_transforms_files(const fs::path& folder) {
+  std::vector<std::string> names;
+  for (const fs::path& file : folder_entries(folder))
+    if (small_extension(file) == ".json" && is_regular(file) &&
+        read_text_file(file).find("\"frames\"") != std::string::npos)
+      names.push_back(file.filename().string());
+  if (names.empty()) return;
+  fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames of cameras: give the file itself: {}",
+       folder.string(), fmt::join(names, ", "), names.size() == 1 ? "has" : "have",
+       shell_word((folder / names.front()).string()));
+}
+
 }  // namespace
 
 std::string detect_layout(const fs::path& path) {
@@ -170,9 +191,11 @@ std::string detect_layout(const fs::path& path) {
     if (layout.recognise(path)) return std::string(layout.name);
   if (!is_folder(path)) {
     const std::string what = describe_file(path);
-    fail(ErrorKind::data, "{}: {}", path.string(), what.empty() ? "no data folder" : what);
+    fail(ErrorKind::data, "{}: not a data set{}", path.string(),
+         what.empty() ? ": pass a data folder, a transforms file (.json) or a packed data set (.ubsd)"
+                      : ", but " + what);
   }
-  refuse_further_models(path);
+  name_transforms_files(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
@@ -202,9 +225,9 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   data.report = std::move(scene.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)
-    data.report.note(results.size() == 1                ? text
-                     : pixels == results.begin()->first ? text + ", the smallest"
-                                                        : text + ", the largest");
+    data.report.note_difference(results.size() == 1                ? text
+                                : pixels == results.begin()->first ? text + ", the smallest"
+                                                                   : text + ", the largest");
   data.report.layout = layout.name;
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();

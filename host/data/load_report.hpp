@@ -22,6 +22,7 @@ struct LoadReport {
   std::string layout, folder;
   std::vector<Skipped> skipped;
   std::vector<std::string> notes;                   // each once
+  std::vector<std::string> differences;             // those of the notes that every command prints
   std::map<std::int64_t, std::string> undistorted;  // by pixels, of the smallest and the largest result
 
   void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
@@ -47,6 +48,14 @@ struct LoadReport {
     for (const std::string& known : notes)
       if (known == text) return;
     notes.push_back(text);
+  }
+
+  // For what is left out or taken from another place than stated: every command that opens the data says it.
+  void note_difference(const std::string& text) {
+    note(text);
+    for (const std::string& known : differences)
+      if (known == text) return;
+    differences.push_back(text);
   }
 };
 

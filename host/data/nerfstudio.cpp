@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // nerfstudio folders: one transforms.json with lens parameters per file or frame, masks, and the file of
 // points that ply_file_path names. Poses are used as they stand (applied_transform is already in them).
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <set>
 
@@ -8,6 +10,8 @@
 #include "host/data/data_root.hpp"
 #include "host/data/frames_json.hpp"
 #include "host/data/load_dataset.hpp"
+#include "host/data/name_index.hpp"
+#include "host/data/named_files.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 
@@ -29,40 +33,55 @@ std::string camera_model(const Node& frame, const Node& file) {
   return "OPENCV";
 }
 
+// Names of camera_model, in any case, and the fields that hold Lens::k.
+struct JsonLens {
+  std::string_view name;
+  LensModel model;
+  std::array<const char*, 12> keys;
+};
+constexpr std::array<const char*, 12> kBrown{"k1", "k2", "p1", "p2", "k3"}, kFisheye{"k1", "k2", "k3", "k4"};
+constexpr JsonLens kJsonLenses[] = {
+    {"OPENCV", LensModel::opencv, kBrown},
+    {"PINHOLE", LensModel::opencv, kBrown},
+    {"SIMPLE_PINHOLE", LensModel::opencv, kBrown},
+    {"PERSPECTIVE", LensModel::opencv, kBrown},
+    {"SIMPLE_RADIAL", LensModel::opencv, kBrown},
+    {"RADIAL", LensModel::opencv, kBrown},
+    {"FULL_OPENCV", LensModel::opencv, {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"}},
+    {"OPENCV_FISHEYE", LensModel::opencv_fisheye, kFisheye},
+    {"FISHEYE", LensModel::opencv_fisheye, kFisheye},
+    {"SIMPLE_RADIAL_FISHEYE", LensModel::opencv_fisheye, kFisheye},
+    {"RADIAL_FISHEYE", LensModel::opencv_fisheye, kFisheye},
+    {"FOV", LensModel::fov, {"omega"}},
+    {"THIN_PRISM_FISHEYE", LensModel::thin_prism_fisheye, {"k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"}},
+};
+
 Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   Camera camera;
   set_intrinsics(camera, frame, file, size, size);
   Lens lens{LensModel::opencv, camera.fx, camera.fy, camera.cx, camera.cy, size.width, size.height, {}};
-  const std::string model = camera_model(frame, file);
-  const auto value = [&](const char* key) { return lookup(frame, file, key).value_or(0.0); };
-  static const std::set<std::string> kPlain{"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
-                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
-  if (model == "OPENCV_FISHEYE" || model == "FISHEYE") {
-    lens.model = LensModel::opencv_fisheye;
-    lens.k = {value("k1"), value("k2"), value("k3"), value("k4")};
-  } else if (kPlain.contains(model)) {
-    if (value("k4") != 0)
-      fail(ErrorKind::data, "{}: 'k4' has no agreed meaning for {}: undistort the images first", frame.where,
-           model);
-    lens.k = {value("k1"), value("k2"), value("p1"), value("p2"), value("k3")};
-  } else {
-    fail(ErrorKind::data, "{}: camera_model '{}' is not supported: use OPENCV, OPENCV_FISHEYE or PINHOLE",
-         frame.where, model.substr(0, 40));
+  std::string model = camera_model(frame, file);
+  std::ranges::transform(model, model.begin(),
+                         [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
+  const auto row = std::ranges::find(kJsonLenses, std::string_view(model), &JsonLens::name);
+  if (row == std::end(kJsonLenses)) {
+    std::vector<std::string_view> names;
+    for (const JsonLens& known : kJsonLenses) names.push_back(known.name);
+    fail(ErrorKind::data,
+         "{}: camera_model '{}' is not supported: undistort the images to PINHOLE, or use one of {}",
+         frame.where, model.substr(0, 40), fmt::join(names, ", "));
   }
+  lens.model = row->model;
+  for (std::size_t i = 0; i < row->keys.size() && row->keys[i]; ++i)
+    lens.k[i] = lookup(frame, file, row->keys[i]).value_or(0.0);
+  // A coefficient that the lens does not have would be left out without a word.
+  for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
+    if (const double value = lookup(frame, file, key).value_or(0.0);
+        value != 0 &&
+        std::ranges::none_of(row->keys, [&](const char* k) { return k && std::string_view(k) == key; }))
+      fail(ErrorKind::data, "{}: '{}' = {} has no agreed meaning for {}: undistort the images first",
+           frame.where, key, value, model);
   return lens;
-}
-
-// The lists train_filenames, val_filenames, test_filenames, where the file has them.
-std::optional<std::set<std::string>> name_list(const Node& file, const char* key) {
-  if (!file.has(key)) return std::nullopt;
-  const Json& list = file.json[key];
-  std::set<std::string> names;
-  if (!list.is_array()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
-  for (const Json& name : list) {
-    if (!name.is_string()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
-    names.insert(fs::path(name.get<std::string>()).lexically_normal().string());
-  }
-  return names;
 }
 
 struct NamedView {
@@ -70,12 +89,42 @@ struct NamedView {
   std::string file_path;
 };
 
+// Returns the frames that one of the lists train_filenames, val_filenames and test_filenames names, as their
+// stated paths; nothing where the file does not have the list. The names are matched as those of files are:
+// exactly first, then by name_index.hpp.
+std::optional<std::set<std::string>> name_list(const Node& file, const char* key,
+                                               const std::vector<NamedView>& named, LoadReport& report) {
+  if (!file.has(key)) return std::nullopt;
+  const Json& list = file.json[key];
+  if (!list.is_array()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
+  std::set<std::string> stated, names;
+  for (const NamedView& n : named) stated.insert(n.file_path);
+  NameIndex index;
+  for (const std::string& path : stated) index.add(path);
+  std::size_t others = 0;
+  for (const Json& name : list) {
+    if (!name.is_string()) fail(ErrorKind::data, "{}: '{}' must be an array of strings", file.where, key);
+    const std::string path = fs::path(name.get<std::string>()).lexically_normal().string();
+    if (stated.contains(path)) {
+      names.insert(path);
+    } else if (const auto match = index.find(path, [](std::size_t) { return true; })) {
+      names.insert(index.path(match->number));
+      ++others;
+    } else {
+      report.skip(path, fmt::format("named by '{}', but no frame with an image has this name", key));
+    }
+  }
+  if (others > 0)
+    report.note_difference(fmt::format("{} names of '{}' found by another than the exact name", others, key));
+  return names;
+}
+
 std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, const DatasetOptions& options,
                                LoadReport& report) {
   using Names = std::optional<std::set<std::string>>;
-  std::pair<const char*, Names> lists[] = {{"train", name_list(file, "train_filenames")},
-                                           {"val", name_list(file, "val_filenames")},
-                                           {"test", name_list(file, "test_filenames")}};
+  std::pair<const char*, Names> lists[] = {{"train", name_list(file, "train_filenames", named, report)},
+                                           {"val", name_list(file, "val_filenames", named, report)},
+                                           {"test", name_list(file, "test_filenames", named, report)}};
   const auto listed = [&](const NamedView& n) {
     return std::ranges::any_of(lists,
                                [&](const auto& l) { return l.second && l.second->contains(n.file_path); });
@@ -106,12 +155,24 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
   return splits;
 }
 
-ImageSize size_of(const Node& frame, const Node& file, const fs::path& image) {
-  if (const auto stated = stated_size(frame, file, image)) return *stated;
-  if (!path_exists(image))
-    fail(ErrorKind::data, "{}: image {} does not exist, and the JSON has no 'w' and 'h'", frame.where,
-         image.string());
-  return image_file_size(image);
+// Returns nothing where neither the file nor the JSON has the size.
+std::optional<ImageSize> size_of(const Node& frame, const Node& file, const fs::path& image) {
+  if (const auto stated = stated_size(frame, file, image)) return stated;
+  return image.empty() ? std::nullopt : std::optional(image_file_size(image));
+}
+
+// Returns the file of each frame that has the field; the path is empty where the frame has no such field or
+// the file is not there.
+std::vector<fs::path> files_of(NamedFiles& files, const std::vector<Node>& frames, const char* key,
+                               const fs::path& folder, NamedFiles::Kind kind) {
+  std::vector<StatedName> names;
+  std::vector<std::size_t> of_frame;
+  for (std::size_t i = 0; i < frames.size(); ++i)
+    if (frames[i].has(key)) names.push_back({frames[i].text(key), frames[i].where}), of_frame.push_back(i);
+  const std::vector<fs::path> found = files.find(folder, names, kind);
+  std::vector<fs::path> result(frames.size());
+  for (std::size_t i = 0; i < found.size(); ++i) result[of_frame[i]] = found[i];
+  return result;
 }
 
 }  // namespace
@@ -122,40 +183,52 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   const DataRoot root(path, options.read.allow_outside);
   const Json json = parse_file(json_path == path ? path : root.check(json_path));
   const Node file{json, json_path.string()};
+  std::vector<Node> frames;
+  for (std::size_t i = 0; i < json["frames"].size(); ++i) {
+    frames.push_back(frame_node(json, i, json_path.string()));
+    frames.back().text("file_path");
+  }
+  NamedFiles files(root, folder);
+  const std::vector<fs::path> images = files_of(files, frames, "file_path", folder, NamedFiles::Kind::image);
+  const std::vector<fs::path> mask_files =
+      files_of(files, frames, "mask_path", folder, NamedFiles::Kind::mask);
+  const auto image_of = [](const Node& frame) { return frame.text("file_path"); };
+  const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
+  if (options.load_images && !some)
+    fail(ErrorKind::data,
+         "{}: none of the {} images exists: the first, {}; copy the images there or correct 'file_path'",
+         json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
   LoadedScene scene;
   std::vector<NamedView> named;
-  std::set<std::string> missing;
   std::size_t masks = 0;
   double low = 0, high = 0;
-  for (std::size_t i = 0; i < json["frames"].size(); ++i) {
-    const Node frame = frame_node(json, i, json_path.string());
-    const std::string file_path = frame.text("file_path");
-    const fs::path image = root.check(image_path(folder, file_path), frame.where);
-    NamedView n{{}, fs::path(file_path).lexically_normal().string()};
-    n.view.name = view_name(image.filename());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Node& frame = frames[i];
+    const fs::path& image = images[i];
+    if (image.empty() && some) {  // where none exists it is a file of cameras alone
+      scene.report.skip(image_of(frame), "no such image");
+      continue;
+    }
+    NamedView n{{}, fs::path(image_of(frame)).lexically_normal().string()};
+    n.view.name = view_name(shown_name(image, image_of(frame)).filename());
     set_pose(n.view.camera, frame);
     const double time = frame.has("time") ? frame.number("time") : 0.0;
     low = named.empty() ? time : std::min(low, time);
     high = named.empty() ? time : std::max(high, time);
     n.view.camera.time = time;
-    fs::path mask;
-    if (frame.has("mask_path")) mask = (folder / frame.text("mask_path")).lexically_normal();
-    if (!mask.empty() && !path_exists(mask))
-      fail(ErrorKind::data, "{}: mask {} does not exist", frame.where, mask.string());
-    if (!mask.empty()) root.check(mask, frame.where);
+    const fs::path& mask = mask_files[i];
+    if (mask.empty() && frame.has("mask_path") && some)
+      fail(ErrorKind::data, "{}: the mask {}; copy the masks there or correct 'mask_path'", frame.where,
+           files.missing(folder, frame.text("mask_path")));
     masks += !mask.empty();
-    const bool found = attach_image(n.view, read_lens(frame, file, size_of(frame, file, image)), image, mask,
-                                    options, scene.report);
+    const auto size = size_of(frame, file, image);
+    if (!size)
+      fail(ErrorKind::data, "{}: the image {}, and the JSON has no 'w' and 'h'", frame.where,
+           files.missing(folder, image_of(frame)));
+    attach_image(n.view, read_lens(frame, file, *size), image, mask, options, scene.report);
     check_camera(n.view.camera, frame.where);
-    if (!found) missing.insert(n.file_path);
     named.push_back(std::move(n));
   }
-  if (options.load_images || missing.size() < named.size())  // else a file of cameras alone
-    std::erase_if(named, [&](const NamedView& n) {
-      if (missing.contains(n.file_path)) scene.report.skip(n.file_path, "no such image");
-      return missing.contains(n.file_path);
-    });
-  if (named.empty()) fail(ErrorKind::data, "{}: none of the images exists", json_path.string());
   std::vector<View> unique;
   for (NamedView& n : named) unique.push_back(std::move(n.view));
   settle_view_names(unique);
@@ -166,12 +239,14 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   }
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   if (file.has("ply_file_path")) {
-    const fs::path points = folder / file.text("ply_file_path");
-    if (path_exists(points))
-      scene.points = read_world_points(root.check(points, json_path.string()));
+    const std::string name = file.text("ply_file_path");
+    const fs::path points = files.find(folder, {{name, file.where}}, NamedFiles::Kind::points).front();
+    if (points.empty())
+      scene.report.note_difference(fmt::format("no points: 'ply_file_path' {}", files.missing(folder, name)));
     else
-      scene.report.skip(points.string(), "ply_file_path names no file");
+      take_points(points, scene);
   }
+  files.report(scene.report);
   scene.splits = make_splits(std::move(named), file, options, scene.report);
   if (scene.splits.empty())
     fail(ErrorKind::data, "{}: the lists of file names match no frame", json_path.string());

@@ -20,19 +20,51 @@ int reduced(int ideal, double stated, int factor) {
   return std::min(ideal, downscaled(static_cast<int>(std::lround(stated)), factor));
 }
 
-void report_size(ImageSize file, const Lens& lens, LoadReport& report) {
-  const double ratio = static_cast<double>(lens.width) / file.width;
-  if (file.width != lens.width || file.height != lens.height)
-    report.note(fmt::format("images have {}x{} pixels, the cameras {}x{} (ratio {:.3f}): intrinsics rescaled",
-                            file.width, file.height, lens.width, lens.height, ratio));
-  const double other = static_cast<double>(lens.height) / file.height;
-  if (std::abs(ratio - other) > 0.01 * ratio)
-    report.note(fmt::format(
-        "images of {}x{} have another shape than their cameras ({}x{}): is this the right folder?",
-        file.width, file.height, lens.width, lens.height));
+// Returns the part of the image, in percent, that the undistorted one leaves out: found on a grid of its
+// pixels.
+double percent_left_out(const Undistortion& plan) {
+  constexpr int kGrid = 32;
+  const Lens& lens = plan.lens;
+  int outside = 0;
+  for (int j = 0; j < kGrid; ++j)
+    for (int i = 0; i < kGrid; ++i) {
+      const double u = (i + 0.5) * lens.width / kGrid, v = (j + 0.5) * lens.height / kGrid;
+      double x = 0, y = 0;
+      const bool seen = undistort_point(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, x, y);
+      const double column = x * lens.fx + plan.cx, row = y * lens.fy + plan.cy;
+      outside += !(seen && column >= 0 && column <= plan.width && row >= 0 && row <= plan.height);
+    }
+  return 100.0 * outside / (kGrid * kGrid);
+}
+
+double degrees_across(double focal, double centre, int size) {
+  return (std::atan(centre / focal) + std::atan((size - centre) / focal)) * 180 / std::acos(-1.0);
 }
 
 }  // namespace
+
+void check_image_size(ImageSize file, ImageSize camera, const std::string& where, LoadReport& report) {
+  if (file == camera) return;
+  if (file.width == camera.height && file.height == camera.width)
+    fail(ErrorKind::data,
+         "{}: the image has {}x{} pixels and its camera {}x{}: the image is turned by 90 degrees; turn it "
+         "back "
+         "(some programs apply the EXIF orientation when they copy images), or make the cameras again",
+         where, file.width, file.height, camera.width, camera.height);
+  const double across = static_cast<double>(camera.width) / file.width;
+  const double down = static_cast<double>(camera.height) / file.height;
+  // Rounding to whole pixels moves a size by less than one pixel of the coarser of the two.
+  const double coarse = std::max({1.0, 1 / across, 1 / down});
+  if (std::abs(file.width - camera.width / down) > coarse &&
+      std::abs(file.height - camera.height / across) > coarse)
+    fail(ErrorKind::data,
+         "{}: the image has {}x{} pixels and its camera {}x{}, which is another shape: use the images that "
+         "the "
+         "cameras were made from, or copies of them with width and height scaled alike",
+         where, file.width, file.height, camera.width, camera.height);
+  report.note(fmt::format("images have {}x{} pixels, the cameras {}x{} (ratio {:.3f}): intrinsics rescaled",
+                          file.width, file.height, camera.width, camera.height, across));
+}
 
 bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::path& mask,
                   const DatasetOptions& options, LoadReport& report) {
@@ -43,7 +75,7 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
     view.file = file;
     size = info.size;
     view.opaque = info.opaque;
-    report_size(size, lens, report);
+    check_image_size(size, {lens.width, lens.height}, file.string(), report);
     if (info.orientation != 1)
       report.note(
           fmt::format("EXIF orientation {} ignored: cameras describe the stored pixels", info.orientation));
@@ -54,13 +86,20 @@ bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::
   double cx = actual.cx, cy = actual.cy;
   if (actual.distorted()) {
     static thread_local Undistortion plan;  // most images have the lens of the one before
-    if (plan.lens != actual) plan = plan_undistortion(actual, file.string());
+    static thread_local double left_out = 0;
+    if (plan.lens != actual) {
+      plan = plan_undistortion(actual, file.string());
+      left_out = percent_left_out(plan);
+    }
     image.undistortion = plan;
     ideal = {plan.width, plan.height};
     cx = plan.cx, cy = plan.cy;
-    report.undistort(std::int64_t{ideal.width} * ideal.height,
-                     fmt::format("undistorted {}x{} to {}x{} at the same focal length", size.width,
-                                 size.height, ideal.width, ideal.height));
+    report.undistort(
+        std::int64_t{ideal.width} * ideal.height,
+        fmt::format("undistorted {}x{} to {}x{} ({:.0f} degrees across, {:.0f} % of the picture left "
+                    "out) at the same focal length",
+                    size.width, size.height, ideal.width, ideal.height,
+                    degrees_across(actual.fx, cx, ideal.width), left_out));
   }
   Camera& camera = view.camera;
   camera.width = image.width = reduced(

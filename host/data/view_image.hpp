@@ -6,10 +6,15 @@
 #include <filesystem>
 #include <string>
 
+#include "host/data/image.hpp"
 #include "host/data/lens.hpp"
 #include "host/data/load_dataset.hpp"
 
 namespace ubs {
+
+// Throws Error(data) unless the sizes of image and camera are equal, or width and height are scaled alike
+// within a pixel, which is noted: a turned or cropped image does not belong to its camera.
+void check_image_size(ImageSize file, ImageSize camera, const std::string& where, LoadReport& report);
 
 // Sets intrinsics, size and image source of `view`. `lens` refers to the size that the data set states.
 // Without a file the view keeps the stated size and no image; false then.

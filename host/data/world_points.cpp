@@ -28,16 +28,24 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   }
   const bool coloured = header.find("red") && header.find("green") && header.find("blue");
   if (coloured)
-    for (const char* channel : {"red", "green", "blue"}) {
-      properties.push_back(header.find(channel));
-      if (properties.back()->type != PlyType::uint8)
-        fail(ErrorKind::data, "{}: property '{}' must be of type uchar", name, channel);
-    }
+    for (const char* channel : {"red", "green", "blue"}) properties.push_back(header.find(channel));
 
   std::vector<double> table(properties.size() * header.count);
   std::vector<double*> rows;
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
   read_ply_rows(stream, header, properties, rows, name);
+
+  // Colours are from 0 to 255 in files of bytes, and often from 0 to 1 in those of floating-point numbers.
+  double largest = 0;
+  for (std::size_t r = 3; r < rows.size(); ++r)
+    for (std::size_t i = 0; i < header.count; ++i) {
+      checked_input(rows[r][i], fmt::format("{}: point {}: '{}'", name, i, properties[r]->name));
+      largest = std::max(largest, rows[r][i]);
+    }
+  const bool bytes = properties.back()->type == PlyType::uint8;
+  const double scale = bytes || largest > 1 ? 1 : 255;
+  if (largest > 255)
+    fail(ErrorKind::data, "{}: colours must be from 0 to 255 or from 0 to 1, found {}", name, largest);
 
   WorldPoints cloud;
   cloud.positions.resize(header.count);
@@ -45,7 +53,8 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   for (std::size_t i = 0; i < header.count; ++i) {
     for (std::size_t k = 0; k < 3; ++k) {
       cloud.positions[i][k] = rows[k][i];
-      if (coloured) cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(rows[3 + k][i], 0.0, 255.0));
+      if (coloured)
+        cloud.colours[i][k] = static_cast<std::uint8_t>(std::clamp(scale * rows[3 + k][i] + 0.5, 0.0, 255.0));
     }
     check_point(cloud.positions[i], i, name);
   }

@@ -31,14 +31,15 @@ enum class OnNan { stop, rollback, drop, off };
 // How data are read (docs/data.md). A setting that changes this is a member here, a row of the table of
 // fields with kOfReading, and its use in host/data.
 struct ReadSettings {
-  std::string layout = "auto";       // of the data folder (host/data/load_dataset.cpp); auto: by content
-  std::string images = "auto";       // folder of images inside a COLMAP or LLFF folder; auto: images
-  std::string cache_folder;          // for undistorted images and video frames; empty: none kept
-  int downscale = 1;                 // images are reduced by this factor on load
-  int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
-  int image_cache_mb = 4096;         // images beyond it are decoded when needed
-  PrincipalPoint principal_point{};  // centre (of the image): as the published code has it
-  IndexRange frames;                 // of videos
+  std::string layout = "auto";        // of the data folder (host/data/load_dataset.cpp); auto: by content
+  std::string images = "auto";        // folder of images inside a COLMAP or LLFF folder; auto: images
+  std::string colmap_model = "auto";  // folder below sparse/ with the model; auto: the one of most images
+  std::string cache_folder;           // for undistorted images and video frames; empty: none kept
+  int downscale = 1;                  // images are reduced by this factor on load
+  int test_every = 8;                 // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  int image_cache_mb = 4096;          // images beyond it are decoded when needed
+  PrincipalPoint principal_point{};   // centre (of the image): as the published code has it
+  IndexRange frames;                  // of videos
   bool allow_outside = false;  // read what the data name outside of their folder: links, absolute paths, ..
   bool operator==(const ReadSettings&) const = default;
 };

@@ -185,7 +185,7 @@ TEST_CASE("blender: missing images", "[blender]") {
   const std::string bare =
       document(frame("\"w\": 8, \"h\": 8") + "," + frame(""), R"("camera_angle_x": 1.0)");
   CHECK_THAT(message_of([&] { load(folder, bare); }),
-             Contains("transforms_train.json: frame 1: image") && Contains("r_0.png does not exist"));
+             Contains("transforms_train.json: frame 1: image") && Contains("r_0 does not exist"));
   CHECK(load(folder, document(frame("", kIdentity, std::string(5000, 'n')))).views.at(0).image.width == 0);
   put(folder / "train/r_0.png", "damaged");
   CHECK_THAT(message_of([&] { load(folder, document(frame(""))); }), Contains("r_0.png: cannot decode"));

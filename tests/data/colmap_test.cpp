@@ -86,22 +86,76 @@ TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
   CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{10, 20, 30});
 }
 
-TEST_CASE("colmap: models beside sparse/0 are named, with a way to one that works", "[colmap]") {
+TEST_CASE("colmap: of several models the largest is used, or the one that is asked for", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
-  std::filesystem::rename(folder / "sparse/0", folder / "sparse/2");
-  put(folder / "sparse/10/cameras.txt", kCameras);
-  DatasetOptions options;
-  for (const char* layout : {"auto", "colmap"}) {
-    options.read.layout = layout;
-    const std::string message = message_of([&] { load_dataset(folder.path(), options); });
-    CHECK_THAT(message, Contains("models sparse/10, sparse/2 are there") &&
-                            Contains("sparse/10 --images ../../images"));
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 im0.png\n\n");
+  put(folder / "sparse/2/cameras.txt", kCameras);
+  put(folder / "sparse/2/images.txt", images_text());
+  const auto views = [&](const std::string& model) {
+    const Dataset data = load_dataset(folder.path(), {.read = {.colmap_model = model, .test_every = 0}});
+    CHECK_THAT(data.report.notes.at(0), Contains("sparse/0 (1 images), sparse/2 (10 images)"));
+    return data.find("train")->views.size();
+  };
+  CHECK(views("auto") == 10);
+  CHECK(views("2") == 10);
+  CHECK(views("0") == 1);
+  CHECK_THAT(message_of([&] { views("7"); }, ErrorKind::usage),
+             Contains("no COLMAP model is called '7'") && Contains("--colmap-model"));
+  std::filesystem::remove_all(folder / "sparse/0");  // without sparse/0 too
+  CHECK(load_dataset(folder.path()).find("train")->views.size() == 8);
+}
+
+TEST_CASE("colmap: text files without the empty second lines have all their images", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  put(folder / "sparse/0/images.txt",
+      "1 1 0 0 0 0 0 0 1 im0.png\n2 1 0 0 0 1 0 0 1 im1.png\n1.5 2 -1 3 4 7\n3 1 0 0 0 2 0 0 1 im2.png\n\n"
+      "4 1 0 0 0 3 0 0 1 im3.png");
+  CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 4);
+  put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 im0.png\n1 2 3 4\n");
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("images.txt:2: quaternion is missing"));
+}
+
+TEST_CASE("colmap: colours of text files may be floating-point numbers", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  const auto colour = [&](const char* line) {
+    put(folder / "sparse/0/points3D.txt", line);
+    return load_dataset(folder.path()).points->colours.at(0);
+  };
+  CHECK(colour("1 0 0 1 29.0 30 31.0 0.1\n") == std::array<std::uint8_t, 3>{29, 30, 31});
+  CHECK(colour("1 0 0 1 1.0 0.2 0 0.1\n") == std::array<std::uint8_t, 3>{255, 51, 0});
+  CHECK_THAT(message_of([&] { colour("1 0 0 1 256 0 0 0.1\n"); }), Contains("points3D.txt:1: colour '256'"));
+}
+
+TEST_CASE("colmap: points3D.ply stands for points that the model does not have", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  std::filesystem::remove(folder / "sparse/0/points3D.txt");
+  put(folder / "sparse/0/points3D.ply",
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float red\nproperty float green\nproperty float blue\nend_header\n1 2 3 1 0.2 0\n");
+  const Dataset data = load_dataset(folder.path());
+  REQUIRE(data.points);
+  CHECK(data.points->colours.at(0) == std::array<std::uint8_t, 3>{255, 51, 0});
+}
+
+TEST_CASE("colmap: images of another shape than their cameras are refused", "[colmap]") {
+  const TempFolder folder;
+  put_scene(folder);
+  put_image(folder / "images/im3.png", 48, 64, 3);
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("im3.png") && Contains("48x64") &&
+                                                                   Contains("64x48") &&
+                                                                   Contains("turned by 90 degrees"));
+  put_image(folder / "images/im3.png", 60, 40, 3);
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("another shape"));
+  for (const auto& [width, height] :
+       {std::pair{32, 24}, std::pair{21, 16}, std::pair{22, 16}, std::pair{640, 479}}) {
+    put_image(folder / "images/im3.png", width, height, 3);
+    CHECK_NOTHROW(load_dataset(folder.path()));
   }
-  options.read.images = "../../images";
-  const Dataset data = load_dataset(folder / "sparse/2", options);
-  CHECK(data.find("train")->views.size() + data.find("test")->views.size() == 10);
-  CHECK(data.find("train")->views[0].has_image());
 }
 
 TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]") {
@@ -315,14 +369,21 @@ TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
   CHECK_THAT(message(), Contains("points3D.txt:1: colour '300'"));
   put(folder / "sparse/0/points3D.txt", kPoints);
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 inf 1 a.png\n\n");
-  CHECK_THAT(message(), Contains("images.txt:1: translation is inf"));
+  CHECK(read_colmap_model(folder / "sparse/0").unplaced == std::vector<std::string>{"a.png"});
   put(folder / "sparse/0/images.txt", "1 0 0 0 0 0 0 0 1 a.png\n\n");
   CHECK_THAT(message(), Contains("no quaternion"));
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 9 a.png\n\n");
   CHECK_THAT(message(), Contains("camera 9 of image 'a.png' does not exist"));
-  for (const char* bad : {"nan(ind)", "inf", "-nan", "1e400", "x"}) {
+  for (const char* bad : {"1e400", "x"}) {
     put(folder / "sparse/0/cameras.txt", fmt::format("1 PINHOLE 64 48 {} 50 32 24\n", bad));
     CHECK_THAT(message(), Contains("cameras.txt:1: "));
+  }
+  for (const char* bad : {"nan(ind)", "inf", "-nan"}) {
+    put(folder / "sparse/0/cameras.txt",
+        fmt::format("1 PINHOLE 64 48 {} 50 32 24\n9 PINHOLE 64 48 50 50 32 24\n", bad));
+    put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 9 b.png\n\n");
+    CHECK(read_colmap_model(folder / "sparse/0").unplaced == std::vector<std::string>{"a.png"});
+    CHECK(read_colmap_model(folder / "sparse/0").images.size() == 1);
   }
   put(folder / "sparse/0/cameras.txt", "1 PINHOLE 64 48 50\n");
   CHECK_THAT(message(), Contains("cameras.txt:1: model PINHOLE has 4 parameters, found 1"));

@@ -104,6 +104,12 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   CHECK(size(load(nerfstudio_json(kHead + R"("is_fisheye": true, "k1": 0.01, )"))) == fisheye);
   CHECK(size(load(nerfstudio_json(kHead + R"("is_fisheye": false, "k1": 0.01, )"))) == plain);
   CHECK(size(load(nerfstudio_json(kHead + R"("k1": 0.01, )", R"(, "is_fisheye": true)"))) == fisheye);
+  CHECK(size(load(nerfstudio_json(kHead + R"("camera_model": "opencv_fisheye", "k1": 0.01, )"))) == fisheye);
+  CHECK(size(load(nerfstudio_json(kHead + R"("camera_model": "Simple_Radial_Fisheye", "k1": 0.01, )"))) ==
+        fisheye);
+  CHECK(size(load(nerfstudio_json(kHead + R"("camera_model": "FULL_OPENCV", "k1": 0.01, )"))) == plain);
+  CHECK(size(load(nerfstudio_json(kHead + R"("camera_model": "FULL_OPENCV", "k1": 0.01, "k4": 0.3, )"))) >
+        plain);
   data = load(nerfstudio_json(
       kHead +
       R"("train_filenames": ["images/f0.png", "./images/f2.png"], "test_filenames": ["images/f3.png"], )"));
@@ -129,7 +135,7 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
              Contains("EQUIRECTANGULAR"));
   CHECK_THAT(refusal(nerfstudio_json(kHead + R"("k4": 0.1, )")), Contains("'k4'"));
   CHECK_THAT(refusal(nerfstudio_json(kHead, R"(, "mask_path": "none.png")")),
-             Contains("none.png does not exist"));
+             Contains("frame 0: the mask 'none.png' is not there") && Contains("looked for in"));
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 
@@ -175,6 +181,69 @@ TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
   options.read.layout = "other";
   CHECK_THAT(message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage),
              Contains("'other'"));
+}
+
+TEST_CASE("dataset: what is no data folder says what it is", "[dataset]") {
+  const TempFolder folder;
+  put(folder / "scan.zip", "PK\x03\x04 and more");
+  CHECK_THAT(message_of([&] { load_dataset(folder / "scan.zip"); }),
+             Contains("ZIP") && Contains("unpack it first"));
+  put(folder / "d/transforms_colmap.json", nerfstudio_json(kHead));
+  CHECK_THAT(message_of([&] { load_dataset(folder / "d"); }),
+             Contains("give the file itself: ") && Contains("d/transforms_colmap.json"));
+}
+
+TEST_CASE("dataset: NaN in a transforms file names frame and field", "[dataset]") {
+  const TempFolder folder;
+  put_frames(folder);
+  std::string json = nerfstudio_json(kHead);
+  json.replace(json.find("[[1,0,0,2]"), 10, "[[1,0,0,NaN]");
+  put(folder / "transforms.json", json);
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }),
+             Contains("frame 2: 'transform_matrix' has the value NaN"));
+  put(folder / "transforms.json",
+      nerfstudio_json(R"("note": "a NaN \"", "w": 64, "h": -Infinity, "fl_x": 50, )"));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("'h' has the value -Infinity"));
+}
+
+TEST_CASE("dataset: formats of images that are not supported are named", "[dataset]") {
+  const TempFolder folder;
+  const auto refusal = [&](const std::string& name, const std::string& bytes) {
+    put(folder / "images" / name, bytes);
+    std::string json = nerfstudio_json(kHead, "", 1);
+    json.replace(json.find("f0.png"), 6, name);
+    put(folder / "transforms.json", json);
+    return message_of([&] { load_dataset(folder.path()); });
+  };
+  CHECK_THAT(refusal("a.avif", std::string("\0\0\0\x20", 4) + "ftypavif0000"),
+             Contains("a.avif: format AVIF is not supported: convert to JPEG or PNG"));
+  CHECK_THAT(refusal("b.heic", std::string("\0\0\0\x20", 4) + "ftypheic0000"),
+             Contains("format HEIC is not supported"));
+  CHECK_THAT(refusal("c.gif", "GIF89a0000000000"), Contains("format GIF is not supported"));
+  CHECK_THAT(refusal("d.png", "GIF89a0000000000"), Contains("format GIF is not supported"));
+  std::filesystem::remove(folder / "images/b.heic");
+  CHECK_THAT(refusal("x.heic", "0"), Contains("x.heic"));
+  for (const char* name : {"e.jfif", "f.JPE"}) {
+    REQUIRE(cv::imwrite((folder / "g.jpg").string(), cv::Mat(48, 64, CV_8UC3, cv::Scalar(9, 9, 9))));
+    std::filesystem::create_directories(folder / "images");
+    std::filesystem::rename(folder / "g.jpg", folder / "images" / name);
+    std::string json = nerfstudio_json(kHead, "", 1);
+    json.replace(json.find("f0.png"), 6, name);
+    put(folder / "transforms.json", json);
+    CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.at(0).has_image());
+  }
+}
+
+TEST_CASE("llff: hidden files of macOS are no images", "[llff]") {
+  const TempFolder folder;
+  std::vector<double> rows;
+  for (int i = 0; i < 2; ++i) {
+    add_row(rows, i);
+    put_image(folder / fmt::format("images/{}.png", i), 128, 96);
+  }
+  put(folder / "images/._0.png", "resource fork");
+  put_poses(folder / "poses_bounds.npy", rows);
+  CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 2);
 }
 
 TEST_CASE("dataset: settings that a layout has no use for are refused", "[dataset]") {

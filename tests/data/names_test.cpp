@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: Apache-2.0
+// Names that differ between the data and the disk (host/data/named_files.hpp), in every layout; and what
+// every reader of data folders says about what it does not use.
+#include <filesystem>
+
+#include "host/data/load_dataset.hpp"
+#include "host/data/name_index.hpp"
+#include "host/data/named_files.hpp"
+#include "tests/support/data.hpp"
+#include "tests/support/images.hpp"
+
+using namespace ubs;
+using namespace ubs::test;
+using Catch::Contains;
+namespace fs = std::filesystem;
+
+namespace {
+
+const std::string kPoseOne = R"("transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]])";
+
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) text += c == '\\' ? std::string("\\\\") : std::string(1, c);
+  return text;
+}
+
+void put_json(const fs::path& file, const std::vector<std::string>& names, const std::string& head = "",
+              const std::string& more = "") {
+  std::string frames;
+  for (const std::string& name : names)
+    frames += fmt::format(R"({}{{"file_path": "{}", {}{}}})", frames.empty() ? "" : ",", escaped(name),
+                          kPoseOne, more);
+  put(file, fmt::format(R"({{"w": 16, "h": 12, "fl_x": 20, {} "frames": [{}]}})", head, frames));
+}
+
+void put_model(const fs::path& folder, const std::vector<std::string>& names) {
+  put(folder / "cameras.txt", "1 PINHOLE 16 12 20 20 8 6\n");
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i)
+    text += fmt::format("{} 1 0 0 0 {} 0 0 1 {}\n\n", i + 1, i, names[i]);
+  put(folder / "images.txt", text);
+}
+
+// Opens the folder in each of the layouts that name files: stated names, files on the disk.
+struct Opened {
+  std::size_t views = 0;
+  std::string notes, error;
+};
+
+Opened opened(const fs::path& path, const DatasetOptions& options = {.read = {.test_every = 0}}) {
+  Opened result;
+  result.error = message_of([&] {
+    const Dataset data = load_dataset(path, options);
+    for (const Split& split : data.splits) result.views += split.views.size();
+    for (const std::string& note : data.report.notes) result.notes += note + "\n";
+    for (const auto& s : data.report.skipped)
+      result.notes += fmt::format("{} skipped: {} ({})\n", s.count, s.why, fmt::join(s.examples, ", "));
+  });
+  return result;
+}
+
+std::vector<Opened> in_all_layouts(const std::vector<std::string>& stated,
+                                   const std::vector<std::string>& disk) {
+  std::vector<Opened> results;
+  for (const std::string layout : {"nerfstudio", "blender", "colmap"}) {
+    const TempFolder folder;
+    for (std::size_t i = 0; i < disk.size(); ++i) put_image(folder / disk[i], 16, 12, static_cast<int>(i));
+    if (layout == "nerfstudio") put_json(folder / "transforms.json", stated);
+    if (layout == "blender") put_json(folder / "transforms_train.json", stated);
+    if (layout == "colmap") {
+      std::vector<std::string> names;
+      for (const std::string& name : stated)
+        names.push_back(name.starts_with("images/") || name.starts_with("images\\") ? name.substr(7) : name);
+      put_model(folder / "sparse/0", names);
+    }
+    results.push_back(opened(
+        folder.path(), layout == "blender" ? DatasetOptions{} : DatasetOptions{.read = {.test_every = 0}}));
+  }
+  return results;
+}
+
+}  // namespace
+
+TEST_CASE("names: capitals, accents and separators do not part names", "[names]") {
+  CHECK(folded_name("IMG_1.JPG") == "img_1.jpg");
+  CHECK(folded_name("caf\u00e9.png") == folded_name("cafe\u0301.PNG"));
+  CHECK(folded_name("\u1ec7") == folded_name("e\u0323\u0302"));                               // two accents
+  CHECK(folded_name("\ud55c\uae00") == folded_name("\u1112\u1161\u11ab\u1100\u1173\u11af"));  // Korean
+  CHECK(folded_name("\u0411\u0419") == folded_name("\u0431\u0438\u0306"));
+  CHECK(folded_name("f\u00fcr") != folded_name("f\u00e4r"));
+  CHECK(folded_name("a\xff\\b") == "a\xff/b");
+  CHECK(path_components(R"(C:\data\.\x\..\im.png)") == std::vector<std::string>{"data", "im.png"});
+}
+
+TEST_CASE("names: files are found by what the names have in common, and counted in a note", "[names]") {
+  struct Row {
+    std::vector<std::string> stated, disk;
+    std::size_t layouts = 3;  // the first ones
+  };
+  const std::vector<Row> rows{
+      {{"images/a1.jpg", "images/a2.jpg"}, {"images/A1.JPG.png", "images/A1.png", "images/A2.PNG"}},
+      {{"images/caf\u00e9.png"}, {"images/cafe\u0301.png"}},
+      {{"images/a1.JPG", "images/a2.JPG"}, {"images/a1.png", "images/a2.png"}},
+      {{"images/a1.png", "images/a2.png"}, {"images/scan/day1/a1.png", "images/scan/day1/a2.png"}},
+      {{"images/cam0/a1.png", "images/cam0/a2.png"}, {"images/a1.png", "images/a2.png"}},
+      {{"images/rgb/a1.png"}, {"Images/RGB/a1.png"}},
+      {{R"(images\cam0\a1.png)"}, {"images/cam0/a1.png"}},
+      {{"/home/u/scan/images/a1.png", "/home/u/scan/images/a2.png"}, {"images/a1.png", "images/a2.png"}},
+      {{R"(C:\Users\u\scan\images\a1.png)"}, {"images/a1.png"}},
+      {{"../../elsewhere/images/a1.png"}, {"images/a1.png"}},
+      // The end of the path decides between files of one name.
+      {{"/home/u/cam0/a.png", "/home/u/cam1/a.png"}, {"images/cam0/a.png", "images/cam1/a.png"}},
+      {{"/home/u/rgb/a1.png"}, {"images/a1.png", "masks/a1.png"}},
+  };
+  for (const Row& row : rows)
+    for (const Opened& found : in_all_layouts(row.stated, row.disk)) {
+      INFO(row.stated.front() << " as " << row.disk.front() << ": " << found.error << found.notes);
+      CHECK(found.views == row.stated.size());
+      CHECK_THAT(found.notes,
+                 Contains(fmt::format("{} images found by another than the exact name, the first '",
+                                      row.stated.size())));
+    }
+  for (const Opened& exact : in_all_layouts({"images/a1.png"}, {"images/a1.png"}))
+    CHECK(exact.notes.find("exact name") == std::string::npos);
+}
+
+TEST_CASE("names: what fits no file or several is not guessed", "[names]") {
+  for (const Opened& none : in_all_layouts({"images/im1.png"}, {"images/im2.png"}))
+    CHECK_THAT(none.error, Contains("none of the 1 images") && Contains("im1.png") &&
+                               Contains("looked for in") &&
+                               Contains("nearest name there is 'images/im2.png'"));
+  for (const Opened& both : in_all_layouts({"/x/a.png"}, {"images/l/a.png", "images/r/a.png"}))
+    CHECK_THAT(both.error, Contains("2 files have this name"));
+  // One file does not serve two names, and a deleted image is not replaced by one of another folder.
+  for (const Opened& shared : in_all_layouts({"/x/l/a.png", "/x/r/a.png"}, {"images/a.png"}))
+    CHECK_THAT(shared.error, Contains("none of the 2 images"));
+  for (const Opened& deleted :
+       in_all_layouts({"images/a.png", "images/b.png"}, {"images/a.png", "images_4/b.png", "masks/b.png"})) {
+    CHECK(deleted.views == 1);
+    CHECK_THAT(deleted.notes, Contains("1 skipped: no such"));
+  }
+  // Nothing outside of the data folder, and no link that leads there.
+  const TempFolder folder;
+  put_image(folder / "secret/a.png", 16, 12);
+  fs::create_directories(folder / "data");
+  fs::create_directory_symlink(folder / "secret", folder / "data/images");
+  put_json(folder / "data/transforms.json", {"/x/a.png"});
+  CHECK_THAT(opened(folder / "data").error, Contains("none of the 1 images exists"));
+  CHECK(opened(folder / "data", {.read = {.test_every = 0, .allow_outside = true}}).views == 1);
+}
+
+TEST_CASE("names: masks, points and lists of files are found as images are", "[names]") {
+  const TempFolder folder;
+  for (const char* name : {"images/a.png", "images/b.png", "masks/a.png", "masks/b.png"})
+    put_image(folder / name, 16, 12);
+  put(folder / "sub/p.ply",
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n1 2 3\n");
+  put(folder / "transforms.json",
+      fmt::format(R"({{"w": 16, "h": 12, "fl_x": 20, "ply_file_path": "C:\\d\\sub\\P.PLY",
+        "train_filenames": ["images\\a.png", "images/none.png"], "test_filenames": ["/d/images/B.png"],
+        "frames": [{{"file_path": "images\\a.png", "mask_path": "MASKS\\a.PNG", {0}}},
+                   {{"file_path": "images\\b.png", "mask_path": "/d/masks/b.png", {0}}}]}})",
+                  kPoseOne));
+  const Dataset data = load_dataset(folder.path());
+  REQUIRE(data.find("train"));
+  REQUIRE(data.find("test"));
+  CHECK(data.find("train")->views.at(0).name == "a");
+  CHECK(data.find("test")->views.at(0).name == "b");
+  CHECK(data.find("test")->views.at(0).masked);
+  REQUIRE(data.points);
+  const Opened said = opened(folder.path());
+  CHECK_THAT(said.notes, Contains("2 masks found by another than the exact name") &&
+                             Contains("1 files of points found") && Contains("1 names of 'test_filenames'") &&
+                             Contains("1 skipped: named by 'train_filenames'"));
+}
+
+TEST_CASE("names: masks of COLMAP folders", "[names]") {
+  for (const std::string mask :
+       {"masks/a.jpg", "Mask/A.png", "masks/a_mask.png", "masks/a.png.jpg", "masks/s/a.png"}) {
+    const TempFolder folder;
+    put_model(folder / "sparse/0", {"a.png", "b.png"});
+    for (const char* name : {"images/a.png", "images/b.png"}) put_image(folder / name, 16, 12);
+    put_image(folder / mask, 16, 12);
+    put_image(folder / fs::path(mask).parent_path() / "other.png", 16, 12);
+    INFO(mask);
+    const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+    CHECK(data.splits[0].views[0].masked);
+    CHECK(!data.splits[0].views[1].masked);
+    CHECK_THAT(opened(folder.path()).notes,
+               Contains("1 masks in '") && Contains("belong to no image") && Contains("other.png"));
+  }
+}
+
+TEST_CASE("names: tens of thousands of files are found at once", "[names]") {
+  NameIndex index;
+  for (int i = 0; i < 40'000; ++i) index.add(fmt::format("images/scan/IMG_{:05}.JPG", i));
+  for (int i = 0; i < 40'000; ++i) {
+    const auto match =
+        index.find(fmt::format("C:\\d\\scan\\img_{:05}.png", i), [](std::size_t) { return true; });
+    REQUIRE(match);
+    REQUIRE(match->number == static_cast<std::size_t>(i));
+  }
+}
+
+// Every reader of data folders, with something in its input that it does not use.
+TEST_CASE("silence: no reader leaves out without a word", "[names]") {
+  struct Row {
+    std::string what, words;
+    void (*put_in)(const fs::path& folder);
+  };
+  const std::vector<Row> rows{
+      {"a picture without a camera (nerfstudio)", "1 pictures in 'images' belong to no camera",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
+         put_json(f / "transforms.json", {"images/a.png"});
+       }},
+      {"a picture without a camera (blender)", "1 pictures in 'train' belong to no camera",
+       [](const fs::path& f) {
+         put_image(f / "train/a.png", 16, 12), put_image(f / "train/b.png", 16, 12);
+         put_json(f / "transforms_train.json", {"train/a"});
+       }},
+      {"a picture without a camera (colmap)", "1 pictures in 'images' belong to no camera",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
+         put_model(f / "sparse/0", {"a.png"});
+       }},
+      {"a missing picture (nerfstudio)", "1 skipped: no such image (images/b.png)",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12);
+         put_json(f / "transforms.json", {"images/a.png", "images/b.png"});
+       }},
+      {"a missing picture (blender)", "1 skipped: no such image (train/b)",
+       [](const fs::path& f) {
+         put_image(f / "train/a.png", 16, 12);
+         put_json(f / "transforms_train.json", {"train/a", "train/b"});
+       }},
+      {"a split without pictures", "no test split: none of the 1 images of transforms_test.json exists",
+       [](const fs::path& f) {
+         put_image(f / "train/a.png", 16, 12);
+         put_json(f / "transforms_train.json", {"train/a"});
+         put_json(f / "transforms_test.json", {"test/a"});
+       }},
+      {"masks that nothing names (nerfstudio)", "1 masks in 'masks' belong to no image",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_image(f / "masks/a.png", 16, 12);
+         put_json(f / "transforms.json", {"images/a.png"});
+       }},
+      {"points that are not there", "no points: 'ply_file_path' 'p.ply' is not there",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12);
+         put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
+       }},
+      {"another model", "2 COLMAP models: sparse/0 (1 images), sparse/1 (2 images); sparse/1 is used",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
+         put_model(f / "sparse/0", {"a.png"});
+         put_model(f / "sparse/1", {"a.png", "b.png"});
+       }},
+      {"a pose that is no number", "1 skipped: its pose or camera in the model is not finite (b.png)",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12);
+         put_model(f / "sparse/0", {"a.png"});
+         put(f / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 -nan(ind) 0 0 0 nan 0 0 1 b.png\n\n");
+       }},
+      {"the rim of a fisheye picture", "% of the picture left out",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12);
+         put_model(f / "sparse/0", {"a.png"});
+         put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 16 12 5 5 8 6 0 0 0 0\n");
+       }},
+  };
+  for (const Row& row : rows) {
+    const TempFolder folder;
+    row.put_in(folder.path());
+    const Opened said = opened(folder.path(), fs::exists(folder / "transforms_train.json")
+                                                  ? DatasetOptions{}
+                                                  : DatasetOptions{.read = {.test_every = 0}});
+    INFO(row.what << ": " << said.error << "\n" << said.notes);
+    CHECK_THAT(said.notes, Contains(row.words));
+  }
+}
