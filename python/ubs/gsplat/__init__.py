@@ -8,5 +8,14 @@ arguments and results: scripts for gsplat run where there is no CUDA. docs/gspla
 PyTorch is needed, gsplat is not. Any thread may call any function."""
 
 from .rendering import RollingShutterType, fully_fused_projection, rasterization, spherical_harmonics
+from .strategy import DefaultStrategy, MCMCStrategy, Strategy
 
-__all__ = ["RollingShutterType", "fully_fused_projection", "rasterization", "spherical_harmonics"]
+__all__ = [
+    "DefaultStrategy",
+    "MCMCStrategy",
+    "RollingShutterType",
+    "Strategy",
+    "fully_fused_projection",
+    "rasterization",
+    "spherical_harmonics",
+]

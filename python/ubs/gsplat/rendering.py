@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
-from ._raster import draw
+from ._raster import draw, extremes, is_finite
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
@@ -53,7 +53,7 @@ def _check(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None
         raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
     if like is not None and tensor.device != like.device:
         raise UsageError(f"{name} is on {tensor.device}, means are on {like.device}: move it there")
-    if not bool(torch.isfinite(tensor).all()):
+    if not is_finite(tensor):
         raise NumericalError(f"{name} has values that are not finite")
     return tensor
 
@@ -423,7 +423,8 @@ def rasterization(
     seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
     _check("opacities", opacities, (*batch, n), like=means)
-    if bool(((opacities < 0) | (opacities > 1)).any()):
+    least, most = extremes(opacities)
+    if least < 0 or most > 1:
         raise UsageError("opacities must be from 0 to 1: apply torch.sigmoid to parameters without bounds")
     strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
     if rasterize_mode == "antialiased":
