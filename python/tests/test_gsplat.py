@@ -1,0 +1,488 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ubs.gsplat against the formulas of 3D Gaussian Splatting, written here in float64, pixels and gradients."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+
+import ubs  # noqa: E402
+import ubs.gsplat  # noqa: E402
+from ubs.gsplat import fully_fused_projection, rasterization, spherical_harmonics  # noqa: E402
+
+WIDTH, HEIGHT = 56, 40
+Tensors = dict[str, Any]
+
+
+def scene(splats: int = 120, channels: int = 3, cameras: int = 2, seed: int = 1, batch: tuple[int, ...] = ()) -> Tensors:
+    """Opacities below exp(-9 / 2) times 255: where such a Gaussian ends its alpha decides, and no limit of its radius."""
+    g = torch.Generator().manual_seed(seed)
+
+    def normal(*shape: int) -> Any:
+        return torch.randn(*batch, *shape, generator=g)
+
+    def uniform(*shape: int) -> Any:
+        return torch.rand(*batch, *shape, generator=g)
+
+    turns = torch.linalg.qr(torch.eye(3) + 0.15 * normal(cameras, 3, 3))[0]
+    turns = turns * torch.sign(torch.diagonal(turns, dim1=-2, dim2=-1))[..., None, :]
+    viewmats = torch.eye(4).expand(*batch, cameras, 4, 4).clone()
+    viewmats[..., :3, :3] = turns
+    viewmats[..., :3, 3] = 0.2 * normal(cameras, 3) + torch.tensor([0.0, 0.0, 4.0])
+    k = torch.tensor([[50.0, 0, 25], [0, 47, 22], [0, 0, 1]]).expand(*batch, cameras, 3, 3).clone()
+    return {
+        "means": normal(splats, 3),
+        "quats": normal(splats, 4),
+        "scales": 0.03 + 0.3 * uniform(splats, 3) ** 2,
+        "opacities": 0.02 + 0.3 * uniform(splats),
+        "colors": uniform(splats, channels),
+        "viewmats": viewmats,
+        "Ks": k,
+    }
+
+
+# ---- The formulas, of one camera ----
+
+
+def rotations(quats: Any) -> Any:
+    """Columns are the axes turned by q v q*."""
+    q = quats / quats.norm(dim=-1, keepdim=True)
+    w, v = q[:, :1, None], q[:, 1:]
+    outer = v[:, :, None] * v[:, None, :]
+    x, y, z = v.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
+    eye = torch.eye(3, dtype=q.dtype)
+    return (2 * w * w - 1) * eye + 2 * outer + 2 * w * cross
+
+
+def pixel_of(model: str, p: Any, k: Any) -> Any:
+    """Where points (n, 3) of a camera are seen."""
+    x, y, z = p.unbind(-1)
+    if model == "pinhole":
+        x, y = x / z, y / z
+    elif model == "fisheye":
+        radius = (x * x + y * y).sqrt()
+        angle = torch.atan2(radius, z)
+        x, y = x * angle / radius, y * angle / radius
+    return torch.stack([k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]], -1)
+
+
+def ellipse(model: str, p: Any, spread: Any, k: Any) -> Any:
+    """Covariances (n, 2, 2) by the derivative of pixel_of, at the published place: x / z no farther out than 15 % of the
+    image."""
+    at = p.clone()
+    if model == "pinhole":
+        low = torch.stack([-k[0, 2] / k[0, 0], -k[1, 2] / k[1, 1]])
+        wide = torch.stack([WIDTH / k[0, 0], HEIGHT / k[1, 1]])
+        inside = torch.minimum(torch.maximum(p[:, :2] / p[:, 2:], low - 0.15 * wide), low + 1.15 * wide)
+        at = torch.cat([inside * p[:, 2:], p[:, 2:]], -1)
+    rows = []
+    for i in range(2):
+        value = pixel_of(model, at, k)[:, i].sum()
+        rows.append(torch.autograd.grad(value, at, create_graph=True)[0])
+    jacobian = torch.stack(rows, 1)
+    return jacobian @ spread @ jacobian.transpose(1, 2)
+
+
+SH = [  # as polynomials of unit vectors, from the integrals over the sphere; degrees 0 to 3
+    lambda x, y, z: 0.5 * math.sqrt(1 / math.pi) + 0 * x,
+    lambda x, y, z: -math.sqrt(3 / (4 * math.pi)) * y,
+    lambda x, y, z: math.sqrt(3 / (4 * math.pi)) * z,
+    lambda x, y, z: -math.sqrt(3 / (4 * math.pi)) * x,
+    lambda x, y, z: 0.5 * math.sqrt(15 / math.pi) * x * y,
+    lambda x, y, z: -0.5 * math.sqrt(15 / math.pi) * y * z,
+    lambda x, y, z: 0.25 * math.sqrt(5 / math.pi) * (2 * z**2 - x**2 - y**2),
+    lambda x, y, z: -0.5 * math.sqrt(15 / math.pi) * x * z,
+    lambda x, y, z: 0.25 * math.sqrt(15 / math.pi) * (x**2 - y**2),
+    lambda x, y, z: -0.25 * math.sqrt(35 / (2 * math.pi)) * y * (3 * x**2 - y**2),
+    lambda x, y, z: 0.5 * math.sqrt(105 / math.pi) * x * y * z,
+    lambda x, y, z: -0.25 * math.sqrt(21 / (2 * math.pi)) * y * (4 * z**2 - x**2 - y**2),
+    lambda x, y, z: 0.25 * math.sqrt(7 / math.pi) * z * (2 * z**2 - 3 * x**2 - 3 * y**2),
+    lambda x, y, z: -0.25 * math.sqrt(21 / (2 * math.pi)) * x * (4 * z**2 - x**2 - y**2),
+    lambda x, y, z: 0.25 * math.sqrt(105 / math.pi) * z * (x**2 - y**2),
+    lambda x, y, z: -0.25 * math.sqrt(35 / (2 * math.pi)) * x * (x**2 - 3 * y**2),
+]
+
+
+def harmonics(degree: int, dirs: Any, coeffs: Any) -> Any:
+    x, y, z = (dirs / dirs.norm(dim=-1, keepdim=True)).unbind(-1)
+    return sum(f(x, y, z)[..., None] * coeffs[..., i, :] for i, f in enumerate(SH[: (degree + 1) ** 2]))
+
+
+def truth(
+    s: Tensors, camera: int, shift: Any, model: str = "pinhole", degree: int | None = None, mode: str = "RGB",
+    antialiased: bool = False, end: float = math.inf, eps2d: float = 0.3,
+) -> tuple[Any, Any, Any]:
+    """Image (H, W, X), alpha (H, W) and where splats are seen. `shift` (n, 2) is added to the centres, for its gradient.
+    What lies beyond `end` in squared standard deviations is not drawn."""
+    view, k = s["viewmats"][camera], s["Ks"][camera]
+    p = s["means"] @ view[:3, :3].T + view[:3, 3]
+    if "covars" in s:
+        upper = torch.triu(s["covars"])
+        spread = upper + torch.triu(upper, 1).transpose(1, 2)
+    else:
+        axes = rotations(s["quats"]) * s["scales"][:, None, :]
+        spread = axes @ axes.transpose(1, 2)
+    spread = view[:3, :3] @ spread @ view[:3, :3].T
+    flat = ellipse(model, p, spread, k)
+    blurred = flat + eps2d * torch.eye(2, dtype=flat.dtype)
+    centre = pixel_of(model, p, k) + shift
+    opacity = s["opacities"]
+    if antialiased:
+        opacity = opacity * (torch.det(flat) / torch.det(blurred)).sqrt()
+    colors = s["colors"][camera] if s["colors"].dim() == (3 if degree is None else 4) else s["colors"]
+    if degree is not None:
+        place = torch.linalg.solve(view[:3, :3], -view[:3, 3])
+        colors = (harmonics(degree, s["means"] - place, colors) + 0.5).clamp_min(0)
+    bands = ([colors] if "RGB" in mode else []) + ([p[:, 2:]] if "D" in mode else [])
+    values = torch.cat(bands, -1)
+    ys, xs = torch.meshgrid(torch.arange(HEIGHT) + 0.5, torch.arange(WIDTH) + 0.5, indexing="ij")
+    d = torch.stack([xs, ys], -1).double().reshape(1, -1, 2) - centre[:, None]
+    r = (d @ torch.linalg.inv(blurred) * d).sum(-1)
+    alpha = opacity[:, None] * torch.exp(-r / 2)
+    alpha = torch.where((r < end) & (alpha >= 1 / 255) & (p[:, 2:] > 0.01), alpha.clamp_max(0.99), 0 * alpha)
+    order = torch.argsort(p[:, 2])
+    alpha, values = alpha[order], values[order]
+    behind = torch.cumprod(1 - alpha, 0)
+    before = torch.cat([torch.ones_like(behind[:1]), behind[:-1]])
+    weight = torch.where(behind > 1e-4, before * alpha, 0 * alpha)
+    image, total = weight.T @ values, weight.sum(0)
+    if "backgrounds" in s and "RGB" in mode:
+        width = s["backgrounds"].shape[-1]
+        image = torch.cat([image[:, :width] + (1 - total[:, None]) * s["backgrounds"][camera], image[:, width:]], -1)
+    if "ED" in mode:
+        image = torch.cat([image[:, :-1], image[:, -1:] / total[:, None].clamp_min(1e-10)], -1)
+    return image.reshape(HEIGHT, WIDTH, -1), total.reshape(HEIGHT, WIDTH), centre
+
+
+def norm_error(found: Any, expected: Any) -> float:
+    return float((found.double() - expected).norm() / expected.norm())
+
+
+def compare(s: Tensors, name: str, packed: bool, end: float = math.inf, **options: Any) -> dict[str, float]:
+    """Worst errors: of pixels and alpha absolute, of depths relative, of gradients relative in the 2-norm."""
+    g = torch.Generator().manual_seed(7)
+    mine = {k: v.clone().requires_grad_() for k, v in s.items()}
+    exact = {k: v.double().requires_grad_() for k, v in s.items()}
+    cameras, splats = len(s["viewmats"]), len(s["means"])
+    mode, degree = options.get("render_mode", "RGB"), options.get("sh_degree")
+    arguments = {"quats": None, "scales": None, **mine}
+    images, alphas, meta = rasterization(**arguments, width=WIDTH, height=HEIGHT, packed=packed, **options)
+    meta["means2d"].retain_grad()
+    shift = torch.zeros(cameras, splats, 2, dtype=torch.float64, requires_grad=True)
+    total, wanted, errors = 0, 0, {"image": 0.0, "alpha": 0.0, "depth": 0.0}
+    depth = "D" in mode
+    for c in range(cameras):
+        image, alpha, _ = truth(
+            exact, c, shift[c], options.get("camera_model", "pinhole"), degree, mode,
+            options.get("rasterize_mode") == "antialiased", end,
+        )
+        sure = alpha.detach()[..., None] > 0.05 if "ED" in mode else torch.ones(HEIGHT, WIDTH, 1, dtype=torch.bool)
+        colour = image.shape[-1] - depth
+        errors["image"] = max([errors["image"]] + [float(e) for e in (images[c] - image)[..., :colour].abs().flatten()])
+        errors["alpha"] = max(errors["alpha"], float((alphas[c, ..., 0] - alpha).abs().max()))
+        v, v_alpha = torch.randn(image.shape, generator=g), torch.randn(alpha.shape, generator=g)
+        if depth:
+            far = (images[c] - image)[..., -1:][sure].abs() / image[..., -1:][sure].clamp_min(1)
+            errors["depth"] = max(errors["depth"], float(far.max()))
+            v[..., -1:] *= sure
+        total = total + (images[c] * v).sum() + (alphas[c, ..., 0] * v_alpha).sum()
+        wanted = wanted + (image * v.double()).sum() + (alpha * v_alpha.double()).sum()
+    total.backward()
+    wanted.backward()
+    for key in s:
+        if exact[key].grad is not None:
+            found = mine[key].grad
+            errors[key] = norm_error(found, exact[key].grad)
+    found = meta["means2d"].grad
+    if packed:
+        dense = torch.zeros(cameras, splats, 2)
+        dense[meta["camera_ids"], meta["gaussian_ids"]] = found
+        found = dense
+    errors["means2d"] = norm_error(found, shift.grad)
+    print(f"{name:28}" + "  ".join(f"{k} {e:.1e}" for k, e in errors.items()))
+    return errors
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "rgb": {},
+    "antialiased": {"rasterize_mode": "antialiased"},
+    "depth": {"render_mode": "D"},
+    "expected depth": {"render_mode": "ED"},
+    "rgb and depth": {"render_mode": "RGB+D"},
+    "rgb and expected depth": {"render_mode": "RGB+ED", "rasterize_mode": "antialiased"},
+    "fisheye": {"camera_model": "fisheye", "render_mode": "RGB+D"},
+    "ortho": {"camera_model": "ortho"},
+    "sh 0": {"sh_degree": 0},
+    "sh 1": {"sh_degree": 1},
+    "sh 2": {"sh_degree": 2, "render_mode": "RGB+ED"},
+    "sh 3": {"sh_degree": 3},
+    "sh of cameras": {"sh_degree": 2},
+    "8 channels": {},
+    "1 channel": {},
+    "colours of cameras": {},
+    "covariances": {},
+}
+
+
+def case(name: str) -> Tensors:
+    s = scene(channels={"8 channels": 8, "1 channel": 1}.get(name, 3))
+    g = torch.Generator().manual_seed(3)
+    if name.startswith("sh"):
+        s["colors"] = 0.4 * torch.randn(len(s["means"]), 16, 3, generator=g)
+    if name in ("sh of cameras", "colours of cameras"):
+        s["colors"] = torch.stack([s["colors"], s["colors"].flip(0)])
+    if name == "covariances":
+        axes = rotations(s.pop("quats")) * s.pop("scales")[:, None, :]
+        s["covars"] = axes @ axes.transpose(1, 2)
+    if name == "ortho":
+        s["Ks"] = s["Ks"] * torch.tensor([0.3, 0.3, 1])[:, None] + torch.tensor([[0, 0, 17.5], [0, 0, 15.4], [0, 0, 0]])
+    channels = 3 if name.startswith("sh") else s["colors"].shape[-1]
+    s["backgrounds"] = torch.rand(2, channels, generator=g)
+    return s
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("name", CASES)
+def test_pixels_and_gradients_are_those_of_float64(name: str, packed: bool) -> None:
+    within(compare(case(name), name, packed, **CASES[name]))
+
+
+def within(errors: dict[str, float]) -> None:
+    """Observed on PoCL: 5.7e-7 of pixels and alpha, 2.8e-6 of depths, 6.0e-6 of the gradient of Ks, 3.9e-6 of others."""
+    bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5}
+    for name, error in errors.items():
+        assert error <= bounds.get(name, 7.8e-6), name
+
+
+def end_of_gaussians() -> float:
+    """Squared standard deviations at which the library ends an opaque one: 3^2, or where its alpha is 1 / 255."""
+    one = {"means": [[0, 0, 1.0]], "quats": [[1.0, 0, 0, 0]], "scales": [[20.0, 20, 20]], "opacities": [1.0]}
+    tensors = {key: torch.tensor(values) for key, values in one.items()}
+    k = torch.tensor([[[1.0, 0, 0], [0, 1, 0.5], [0, 0, 1]]])
+    _, alphas, _ = rasterization(
+        **tensors, colors=torch.ones(1, 3), viewmats=torch.eye(4)[None], Ks=k, width=100, height=1, camera_model="ortho",
+        eps2d=0,
+    )
+    drawn = int((alphas > 0).sum())
+    return min((9.0, 2 * math.log(255)), key=lambda end: abs(drawn - 20 * math.sqrt(end)))
+
+
+def test_opaque_splats() -> None:
+    """Alpha is at most 0.99, and pixels close at a transmittance of 1e-4."""
+    s = scene(splats=60)
+    s["opacities"] = torch.cat([torch.ones(20), 0.9 + 0.1 * torch.rand(40, generator=torch.Generator().manual_seed(2))])
+    s["scales"] = s["scales"] + 0.2
+    within(compare(s, "opaque", True, end=end_of_gaussians()))
+
+
+def test_batches_are_those_of_single_calls() -> None:
+    s = scene(splats=50, batch=(2, 2))
+    s["backgrounds"] = torch.rand(2, 2, 2, 3)
+    for packed in (True, False):
+        images, alphas, meta = rasterization(**s, width=WIDTH, height=HEIGHT, packed=packed, render_mode="RGB+ED")
+        assert images.shape == (2, 2, 2, HEIGHT, WIDTH, 4) and alphas.shape == (2, 2, 2, HEIGHT, WIDTH, 1)
+        for i in range(2):
+            for j in range(2):
+                one = {key: value[i, j] for key, value in s.items()}
+                image, alpha, single = rasterization(
+                    **one, width=WIDTH, height=HEIGHT, packed=packed, render_mode="RGB+ED"
+                )
+                assert torch.equal(images[i, j], image) and torch.equal(alphas[i, j], alpha)
+                if packed:
+                    mine = meta["batch_ids"] == 2 * i + j
+                    for key in ("camera_ids", "gaussian_ids", "radii", "means2d", "depths", "conics", "opacities"):
+                        assert torch.equal(meta[key][mine], single[key]), key
+                else:
+                    for key in ("radii", "means2d", "depths", "conics", "opacities"):
+                        assert torch.equal(meta[key][i, j], single[key]), key
+    assert meta["n_batches"] == 4 and meta["n_cameras"] == 2 and meta["gaussian_ids"] is None
+    with pytest.raises(KeyError, match="isect_ids"):
+        meta["isect_ids"]
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_any_number_of_splats(packed: bool) -> None:
+    """0, more than any before, and fewer again: what was drawn before has no part in it."""
+    s = scene(splats=400)
+    expected = {}
+    for count in (0, 400, 37, 0, 300, 1, 400):
+        some = {key: (v if key in ("viewmats", "Ks") else v[:count]).clone().requires_grad_() for key, v in s.items()}
+        images, alphas, meta = rasterization(**some, width=WIDTH, height=HEIGHT, packed=packed)
+        (images.sum() + alphas.sum()).backward()
+        assert some["means"].grad.shape == (count, 3)
+        assert count or (float(images.abs().max()) == 0 and float(alphas.max()) == 0)
+        found = (images.detach(), some["means"].grad, some["colors"].grad)
+        for before, now in zip(expected.setdefault(count, found), found):
+            assert torch.equal(before, now)
+
+
+def test_splats_that_nobody_sees() -> None:
+    s = scene(splats=30)
+    s["means"] = s["means"] - torch.tensor([0, 0, 50.0])
+    for packed in (True, False):
+        tensors = {key: v.clone().requires_grad_() for key, v in s.items()}
+        images, alphas, meta = rasterization(**tensors, width=WIDTH, height=HEIGHT, packed=packed, sh_degree=None)
+        assert float(alphas.max()) == 0 and int(meta["radii"].sum()) == 0
+        images.sum().backward()
+        assert all(float(t.grad.abs().max()) == 0 for k, t in tensors.items() if t.grad is not None)
+
+
+def test_what_is_changed_in_place_is_drawn() -> None:
+    s = scene()
+    picture = lambda: rasterization(**s, width=WIDTH, height=HEIGHT)[0]  # noqa: E731
+    before = picture()
+    s["colors"].data.mul_(0.5)
+    assert torch.allclose(picture(), 0.5 * before, atol=1e-6)
+
+
+def test_gradients_after_other_pictures() -> None:
+    """Of alpha alone, of an image that others were drawn after, and twice."""
+    s = scene(channels=5)
+    means = s["means"].clone().requires_grad_()
+    first = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)
+    weights = torch.randn(first[0].shape)
+    (expected,) = torch.autograd.grad((first[0] * weights).sum(), means, retain_graph=True)
+    (of_alpha,) = torch.autograd.grad(first[1].sum(), means, retain_graph=True)
+    rasterization(**scene(splats=90, seed=5), width=30, height=20)
+    (again,) = torch.autograd.grad((first[0] * weights).sum() + first[1].sum(), means)
+    assert float((again - expected - of_alpha).norm() / again.norm()) < 1e-5
+    with pytest.raises(RuntimeError):  # no second order
+        image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)[0]
+        (gradient,) = torch.autograd.grad((image**2).sum(), means, create_graph=True)
+        gradient.sum().backward()
+
+
+def test_threads_draw_what_one_draws() -> None:
+    scenes = [scene(splats=50 + 60 * i, seed=i) for i in range(4)]
+
+    def gradient(s: Tensors) -> Any:
+        means = s["means"].clone().requires_grad_()
+        images, _, _ = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT, render_mode="RGB+ED")
+        images.sum().backward()
+        return images.detach(), means.grad
+
+    expected = [gradient(s) for s in scenes]
+    wrong: list[int] = []
+
+    def work(i: int) -> None:
+        for _ in range(8):
+            if not all(torch.equal(a, b) for a, b in zip(gradient(scenes[i]), expected[i])):
+                wrong.append(i)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+@pytest.mark.parametrize("model", ["pinhole", "ortho", "fisheye"])
+def test_projection(model: str) -> None:
+    s = scene(splats=300)
+    s["means"][:20, 2] = -5  # behind
+    radii, means2d, depths, conics, compensations = fully_fused_projection(
+        s["means"], None, s["quats"], s["scales"], s["viewmats"], s["Ks"], WIDTH, HEIGHT, calc_compensations=True,
+        camera_model=model, opacities=s["opacities"],
+    )
+    exact = {key: value.double().requires_grad_() for key, value in s.items()}
+    for c in range(2):
+        view, k = exact["viewmats"][c], exact["Ks"][c]
+        p = exact["means"] @ view[:3, :3].T + view[:3, 3]
+        axes = view[:3, :3] @ rotations(exact["quats"]) * exact["scales"][:, None, :]
+        flat = ellipse(model, p, axes @ axes.transpose(1, 2), k).detach()
+        blurred = flat + 0.3 * torch.eye(2)
+        comp = (torch.det(flat) / torch.det(blurred)).sqrt()
+        centre = pixel_of(model, p, k).detach()
+        reach = (2 * torch.log(255 * s["opacities"] * comp).clamp_min(0)).sqrt().clamp_max(3.33)
+        exact_radii = reach[:, None] * torch.diagonal(blurred, dim1=-2, dim2=-1).sqrt()
+        seen = (p[:, 2] > 0.01) & (exact_radii > 0).all(-1)
+        whole = exact_radii.ceil()
+        seen &= ((centre + whole > 0) & (centre - whole < torch.tensor([WIDTH, HEIGHT]))).all(-1)
+        sure = ((exact_radii - exact_radii.round()).abs() > 1e-4).all(-1)
+        assert 20 < int(seen.sum()) < 300 and int(sure.sum()) > 250
+        assert torch.equal(radii[c][sure], torch.where(seen[:, None], whole, 0 * whole).int()[sure])
+        assert torch.allclose(means2d[c][seen].double(), centre[seen], rtol=1e-5, atol=1e-4)
+        assert torch.allclose(depths[c].double(), p[:, 2].detach(), rtol=1e-6, atol=1e-5)
+        assert torch.allclose(compensations[c][seen].double(), comp[seen], rtol=2e-5)
+        inverse = torch.linalg.inv(blurred)
+        inverse = torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], -1)
+        assert norm_error(conics[c][seen], inverse[seen]) < 1e-5
+    packed = fully_fused_projection(
+        s["means"], None, s["quats"], s["scales"], s["viewmats"], s["Ks"], WIDTH, HEIGHT, packed=True,
+        camera_model=model, radius_clip=2.0,
+    )
+    assert len(packed) == 8 and packed[7] is None and bool((packed[3] > 2).any(-1).all())
+    assert torch.equal(packed[4], means2d[packed[1], packed[2]])
+
+
+def test_harmonics() -> None:
+    """Values, and that those of all degrees are orthonormal, by sums over many directions."""
+    g = torch.Generator().manual_seed(0)
+    dirs, coeffs = torch.randn(200, 3, generator=g), torch.randn(200, 25, 3, generator=g)
+    for degree in range(4):
+        found = spherical_harmonics(degree, dirs, coeffs)
+        assert norm_error(found, harmonics(degree, dirs.double(), coeffs.double())) < 1e-6
+    heights = torch.from_numpy(np.polynomial.legendre.leggauss(16)[0])[:, None]
+    weights = torch.from_numpy(np.polynomial.legendre.leggauss(16)[1])[:, None].expand(16, 32)
+    angle = (torch.arange(32) + 0.5) * (2 * math.pi / 32)
+    around = (1 - heights**2).sqrt()
+    grid = torch.stack([around * angle.cos(), around * angle.sin(), heights.expand(16, 32)], -1).float()
+    basis = torch.stack(
+        [spherical_harmonics(4, grid, torch.eye(25)[i, :, None].expand(16, 32, 25, 3))[..., 0] for i in range(25)]
+    ).double()
+    products = torch.einsum("aij,bij,ij->ab", basis, basis, weights * (2 * math.pi / 32))
+    assert float((products - torch.eye(25)).abs().max()) < 1e-5
+    hidden = torch.arange(200) % 2 == 0
+    masked = spherical_harmonics(2, dirs, coeffs, masks=hidden)
+    assert float(masked[~hidden].abs().max()) == 0 and torch.equal(masked[hidden], spherical_harmonics(2, dirs, coeffs)[hidden])
+
+
+REFUSED: list[tuple[str, dict[str, Any]]] = [
+    ("absgrad", {"absgrad": True}),
+    ("sparse_grad", {"sparse_grad": True}),
+    ("distributed", {"distributed": True}),
+    ("with_ut", {"with_ut": True}),
+    ("with_eval3d", {"with_eval3d": True}),
+    ("radial_coeffs", {"radial_coeffs": torch.zeros(2, 6)}),
+    ("rolling_shutter", {"rolling_shutter": ubs.gsplat.RollingShutterType.ROLLING_TOP_TO_BOTTOM}),
+    ("viewmats_rs", {"viewmats_rs": torch.eye(4).expand(2, 4, 4)}),
+    ("camera_model='ftheta'", {"camera_model": "ftheta"}),
+    ("render_mode='rgb'", {"render_mode": "rgb"}),
+    ("rasterize_mode", {"rasterize_mode": "smooth"}),
+    ("width", {"width": 0}),
+    ("near_plane", {"near_plane": -1.0}),
+    ("eps2d", {"eps2d": math.nan}),
+    ("opacities", {"opacities": torch.full((30,), 1.5)}),
+    ("opacities has the shape", {"opacities": torch.ones(30, 1)}),
+    ("colors has the shape", {"colors": torch.ones(31, 3)}),
+    ("coeffs have 4 bases", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
+    ("means is of torch.float64", {"means": torch.zeros(30, 3, dtype=torch.float64)}),
+    ("skew", {"Ks": torch.ones(2, 3, 3)}),
+    ("backgrounds", {"backgrounds": torch.ones(3)}),
+    ("quats and scales", {"quats": None}),
+]
+
+
+@pytest.mark.parametrize("word,changed", REFUSED, ids=[word for word, _ in REFUSED])
+def test_what_is_not_there_is_refused_by_name(word: str, changed: dict[str, Any]) -> None:
+    with pytest.raises(ubs.UsageError) as error:
+        rasterization(**{**scene(splats=30), "width": WIDTH, "height": HEIGHT, **changed})
+    assert word in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
+def test_values_that_are_not_finite_are_refused(name: str) -> None:
+    s = scene(splats=30)
+    s[name][3] = math.nan
+    for packed in (True, False):
+        with pytest.raises(ubs.Error, match=f"{name}.*not finite"):
+            rasterization(**s, width=WIDTH, height=HEIGHT, packed=packed)

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""DefaultStrategy and MCMCStrategy of ubs.gsplat: what they do to parameters and optimisers, and that they learn."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+
+import ubs  # noqa: E402
+from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization  # noqa: E402
+from ubs.gsplat.strategy import relocated  # noqa: E402
+
+Maker = tuple[Any, Any]
+
+
+def learnt(count: int, dictionary: Any = dict) -> Maker:
+    g = torch.Generator().manual_seed(count)
+    values = {
+        "means": torch.randn(count, 3, generator=g),
+        "scales": torch.full((count, 3), math.log(0.005)),
+        "quats": torch.randn(count, 4, generator=g),
+        "opacities": torch.zeros(count),
+        "colors": torch.arange(count * 3.0).reshape(count, 3),
+    }
+    params = dictionary({name: torch.nn.Parameter(value) for name, value in values.items()})
+    optimizers = {name: torch.optim.Adam([params[name]], lr=0.0) for name in values}
+    for name in values:  # moments that tell whose they are
+        params[name].grad = torch.arange(1.0, count + 1).reshape(-1, *[1] * (params[name].dim() - 1)) + 0 * params[name]
+        optimizers[name].step()
+        optimizers[name].zero_grad(set_to_none=True)
+    return params, optimizers
+
+
+def moments(params: Any, optimizers: Any, name: str = "means") -> Any:
+    """Whose moments each has, 0: nobody's; and that the optimisers hold these parameters."""
+    for key, optimizer in optimizers.items():
+        assert optimizer.param_groups[0]["params"][0] is params[key] and set(optimizer.state) == {params[key]}
+        assert all(v.shape == params[key].shape for k, v in optimizer.state[params[key]].items() if k != "step")
+        assert float(optimizer.state[params[key]]["step"]) == 1
+    return (optimizers[name].state[params[name]]["exp_avg"] * 10).reshape(len(params[name]), -1)[:, 0].round()
+
+
+def drawn(count: int, gradient: Any, radii: int = 4, packed: bool = False) -> dict[str, Any]:
+    """As rasterization() gives, of two cameras that see all."""
+    means2d = torch.zeros(2, count, 2, requires_grad=True)
+    info = {"width": 20, "height": 10, "n_cameras": 2, "gaussian_ids": None}
+    info["radii"] = torch.full((2, count, 2), radii, dtype=torch.int32)
+    if packed:
+        means2d = torch.zeros(2 * count, 2, requires_grad=True)
+        info["gaussian_ids"] = torch.arange(count).repeat(2)
+        info["radii"] = info["radii"].reshape(-1, 2)
+    info["means2d"] = means2d + 0
+    return info | {"v": gradient.repeat(2, 1) if packed else gradient.expand(2, count, 2)}
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("dictionary", [dict, torch.nn.ParameterDict])
+def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> None:
+    strategy = DefaultStrategy(refine_start_iter=0, refine_every=10, reset_every=1000)
+    params, optimizers = learnt(6, dictionary)
+    with torch.no_grad():
+        params["scales"][2:4] = math.log(0.5)  # large
+        params["opacities"][5] = -9
+    strategy.check_sanity(params, optimizers)
+    state = strategy.initialize_state(scene_scale=1.0)
+    # 1 and 2 have more than the threshold, in halves of the image and times the number of cameras; 0 just less.
+    gradient = torch.tensor([[0.99e-5, 0], [0, 2.1e-5], [1.1e-5, 0], [0, 0], [0, 0], [0, 0]])
+    before = {name: value.detach().clone() for name, value in params.items()}
+    for step in (9, 10):
+        info = drawn(6, gradient, packed=packed)
+        strategy.step_pre_backward(params, optimizers, state, step, info)
+        (info["means2d"] * info["v"]).sum().backward()
+        strategy.step_post_backward(params, optimizers, state, step, info, packed=packed)
+    # 5 has gone; 2 has gone for its two parts; 1 has a copy.
+    ids = (params["colors"][:, 0] / 3).round().int().tolist()
+    assert ids == [0, 1, 3, 4, 1, 2, 2]
+    assert moments(params, optimizers).tolist() == [1, 2, 4, 5, 0, 0, 0]
+    assert torch.equal(params["means"][[0, 1, 2, 3, 4]], before["means"][[0, 1, 3, 4, 1]])
+    assert not torch.equal(params["means"][5], params["means"][6])
+    assert torch.allclose(params["scales"][5:].exp(), torch.tensor(0.5 / 1.6))
+    assert state["grad2d"].shape == (7,) and float(state["count"].abs().max()) == 0
+    assert all(value.requires_grad and isinstance(value, torch.nn.Parameter) for value in params.values())
+
+
+def test_default_resets_opacities_and_counts_radii() -> None:
+    strategy = DefaultStrategy(
+        refine_start_iter=0, refine_every=10, reset_every=20, refine_scale2d_stop_iter=100, revised_opacity=True
+    )
+    params, optimizers = learnt(3)
+    state = strategy.initialize_state()
+    for step in range(1, 21):
+        info = drawn(len(params["means"]), torch.zeros(len(params["means"]), 2), radii=2 if step > 10 else step % 2)
+        strategy.step_pre_backward(params, optimizers, state, step, info)
+        (info["means2d"] * info["v"]).sum().backward()
+        strategy.step_post_backward(params, optimizers, state, step, info)
+        if step == 9:  # 1 of 20 pixels is not above grow_scale2d, 2 are
+            assert torch.equal(state["radii"], torch.full((3,), 0.05)) and state["count"].tolist() == [10.0] * 3
+        if step == 10:
+            assert len(params["means"]) == 3
+        if step == 19:
+            assert torch.allclose(torch.sigmoid(params["opacities"]), torch.tensor(0.5))
+    assert len(params["means"]) == 6  # each is split: 1 - sqrt(1 - 0.5) each, and reset to 2 * prune_opa
+    assert torch.allclose(torch.sigmoid(params["opacities"]), torch.tensor(0.01), rtol=1e-4)
+    assert float(optimizers["opacities"].state[params["opacities"]]["exp_avg"].abs().max()) == 0
+    info = drawn(6, torch.zeros(6, 2))
+    strategy.step_post_backward(params, optimizers, state, strategy.refine_stop_iter, info)  # nothing, and no gradient
+
+
+def test_relocation_is_that_of_the_paper() -> None:
+    opacities, scales = torch.tensor([0.9, 0.3, 0.5, 0.99]), torch.ones(4, 3)
+    copies = torch.tensor([2, 5, 1, 51])
+    opacity, scale = relocated(opacities, scales, copies)
+    for i, n in enumerate(copies.tolist()):
+        before = float(opacities[i])
+        o = 1 - (1 - before) ** (1 / n)
+        total = sum(
+            math.comb(a - 1, k) * (-1) ** k / math.sqrt(k + 1) * o ** (k + 1) for a in range(1, n + 1) for k in range(a)
+        )
+        assert float(opacity[i]) == pytest.approx(o, rel=1e-6)
+        assert float(scale[i, 0]) == pytest.approx(before / total, rel=1e-6)
+
+
+def test_mcmc_moves_adds_and_shakes() -> None:
+    torch.manual_seed(1)
+    strategy = MCMCStrategy(refine_start_iter=0, refine_every=10, cap_max=40, noise_lr=0.0)
+    params, optimizers = learnt(40)
+    with torch.no_grad():
+        params["opacities"][:] = -9.0
+        params["opacities"][[7, 8]] = 1.0
+        params["opacities"][3] = math.log(0.0051 / 0.9949)  # just alive
+    strategy.check_sanity(params, optimizers)
+    state = strategy.initialize_state()
+    means = params["means"].detach().clone()
+    strategy.step_post_backward(params, optimizers, state, 9, {}, lr=1.0)
+    assert torch.equal(params["means"], means)
+    strategy.step_post_backward(params, optimizers, state, 10, {}, lr=1.0)
+    assert len(params["means"]) == 40
+    ids = (params["colors"][:, 0] / 3).round().int()
+    assert set(ids.tolist()) <= {3, 7, 8} and {7, 8} <= set(ids.tolist())
+    for i in (7, 8):  # all copies of one have its opacity and size
+        mine = ids == i
+        assert len(set(params["opacities"][mine].tolist())) == 1 and len(set(params["scales"][mine][:, 0].tolist())) == 1
+        assert float(params["opacities"][mine][0]) < 1 and float(params["scales"][mine][0, 0]) < math.log(0.005)
+    noted = moments(params, optimizers)
+    assert float(noted[[i for i in range(40) if i != 3]].abs().max()) == 0
+    strategy.cap_max = 41  # one more, of at most 5 %
+    strategy.step_post_backward(params, optimizers, state, 20, {}, lr=1.0)
+    assert len(params["means"]) == 41 and moments(params, optimizers)[40] == 0
+    together = (params["means"] == params["means"][40]).all(-1) & (params["opacities"] == params["opacities"][40])
+    assert int(together.sum()) == 2  # it, and the one that it is a copy of
+    strategy.noise_lr = 2.0
+    with torch.no_grad():
+        params["opacities"][:21] = -20
+        params["opacities"][21:] = 5
+        params["scales"][:] = math.log(2.0)
+    means = params["means"].detach().clone()
+    strategy.step_post_backward(params, optimizers, state, 11, {}, lr=0.5)
+    moved = params["means"] - means
+    assert float(moved[21:].abs().max()) < 1e-6
+    # A deviation of s^2 = 4, times the share 1 / (1 + exp(-0.5)) of an opacity near 0.
+    assert 1.7 < float(moved[:21].std()) < 3.3
+
+
+def test_mistakes_are_refused() -> None:
+    params, optimizers = learnt(3)
+    with pytest.raises(ubs.UsageError, match="quats"):
+        DefaultStrategy().check_sanity({k: v for k, v in params.items() if k != "quats"}, optimizers)
+    with pytest.raises(ubs.UsageError, match="colors"):
+        MCMCStrategy().check_sanity(params, {k: v for k, v in optimizers.items() if k != "colors"})
+    with pytest.raises(ubs.UsageError, match="means"):
+        MCMCStrategy().check_sanity(params, {**optimizers, "means": optimizers["scales"]})
+    with pytest.raises(ubs.UsageError, match="absgrad"):
+        DefaultStrategy(absgrad=True).check_sanity(params, optimizers)
+    state = DefaultStrategy().initialize_state()
+    info = drawn(3, torch.zeros(3, 2))
+    with pytest.raises(ubs.UsageError, match="step_pre_backward"):
+        info["means2d"].retain_grad()
+        DefaultStrategy().step_post_backward(params, optimizers, state, 1, info)
+    with pytest.raises(ubs.UsageError, match="packed"):
+        DefaultStrategy().step_post_backward(params, optimizers, state, 1, info, packed=True)
+
+
+@pytest.mark.parametrize("kind,packed", [("default", False), ("mcmc", True)])
+def test_they_learn(kind: str, packed: bool) -> None:
+    """300 Gaussians in 3 views, from 40 on: they become more, and the error a fraction of the first."""
+    torch.manual_seed(0)
+    viewmats, k = torch.eye(4).repeat(3, 1, 1), torch.tensor([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]).expand(3, 3, 3)
+    for i in range(3):
+        a = i * math.pi / 3
+        viewmats[i, 0, 0], viewmats[i, 0, 2] = math.cos(a), math.sin(a)
+        viewmats[i, 2, 0], viewmats[i, 2, 2] = -math.sin(a), math.cos(a)
+    viewmats[:, 2, 3] = 5
+    true = {"means": torch.randn(300, 3), "quats": torch.randn(300, 4), "scales": 0.05 + 0.15 * torch.rand(300, 3)}
+    views = {"viewmats": viewmats, "Ks": k, "width": 40, "height": 40}
+    target = rasterization(**true, opacities=torch.full((300,), 0.7), colors=torch.rand(300, 3), **views)[0]
+    values = {
+        "means": torch.randn(40, 3), "quats": torch.randn(40, 4), "scales": torch.full((40, 3), math.log(0.3)),
+        "opacities": torch.zeros(40), "colors": torch.zeros(40, 3),
+    }
+    rates = {"means": 1e-2, "quats": 2e-2, "scales": 2e-2, "opacities": 5e-2, "colors": 5e-2}
+    params = torch.nn.ParameterDict({name: torch.nn.Parameter(value) for name, value in values.items()})
+    optimizers = {name: torch.optim.Adam([params[name]], lr=rate) for name, rate in rates.items()}
+    strategy: Any = (
+        DefaultStrategy(refine_start_iter=20, refine_every=20, refine_stop_iter=70, grow_grad2d=1e-3, grow_scale3d=0.2)
+        if kind == "default"
+        else MCMCStrategy(refine_start_iter=10, refine_every=5, cap_max=120, noise_lr=1.0)
+    )
+    strategy.check_sanity(params, optimizers)
+    state = strategy.initialize_state()
+    errors = []
+    for step in range(80):
+        images, _, info = rasterization(
+            params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(),
+            params["colors"].sigmoid(), **views, packed=packed,
+        )
+        loss = ((images - target) ** 2).mean()
+        strategy.step_pre_backward(params, optimizers, state, step, info)
+        loss.backward()
+        errors.append(float(loss))
+        extra = {"packed": packed} if kind == "default" else {"lr": 1e-2}
+        if kind == "default":
+            strategy.step_post_backward(params, optimizers, state, step, info, **extra)
+        for optimizer in optimizers.values():
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        if kind == "mcmc":
+            strategy.step_post_backward(params, optimizers, state, step, info, **extra)
+    print(kind, packed, len(params["means"]), errors[0], errors[-1])
+    assert 50 <= len(params["means"]) < 2000
+    assert errors[-1] < 0.5 * errors[0]

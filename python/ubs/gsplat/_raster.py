@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draws projected Gaussians, ellipses in an image, as a differentiable function of PyTorch.
+
+The renderer of the library takes splats in space. So each ellipse is given to it as a flat splat, parallel to the
+image plane of a pinhole camera at the origin, at the depth of the Gaussian and of such a size that this camera sees
+the ellipse. The gradients of these splats are those of the ellipses times known factors."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any, Callable, TypeVar, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .._data import Camera
+from .._device import Device, DeviceLike, opened
+from .._errors import NumericalError, UsageError
+from .._model import Model, Renderer
+
+Result = TypeVar("Result")
+
+NAMES = ("xyz", "rgb", "opacity", "scale", "l_triangle")
+WIDTHS = (3, 3, 1, 3, 3)
+# Depth of a flat splat, as a part of its larger half-axis: a little more than the least that the kernels leave as it is
+# (UBS_NEEDLE_CHOLESKY of kernels/limits.h).
+THICKNESS = 4e-4
+BEHIND = -1.0  # a depth that no camera sees
+FREE_SLOTS = 3  # renderers that are kept, of all devices
+
+
+class Slot:
+    """A renderer with room for a number of splats. Rows that hold none lie behind the camera. Whoever uses it holds
+    its lock."""
+
+    def __init__(self, device: Device, room: int) -> None:
+        self.device, self.room = device, room
+        self.lock = threading.Lock()
+        self.model = Model.empty(
+            dim=3, splats=room, kernel="gaussian", cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
+            background=(0, 0, 0),
+        )
+        self.renderer = Renderer(self.model, device, gradients=True)
+        values = self.model.parameters
+        if tuple(values) != NAMES:
+            raise UsageError(f"the library has the parameters {tuple(values)}, ubs.gsplat expects {NAMES}: update both")
+        self.host = [torch.from_numpy(values[name].T) for name in NAMES]
+        self.used = room
+        self.holds: object = None  # what the values belong to, see put()
+        try:
+            self.renderer.array("parameters")
+            self.shared = True  # with other packages: CUDA, or a CPU with PoCL
+        except UsageError:
+            self.shared = False
+
+    def _array(self, name: str, size: tuple[int, int] = (0, 0)) -> Tensor:
+        tensor: Tensor = cast(Any, torch).from_dlpack(self.renderer.array(name, size=size))
+        return tensor
+
+    def put(self, holder: object, values: dict[int, Tensor]) -> None:
+        """Copies rows (values of one, splats) to the device; keys are positions in NAMES."""
+        self.holds = None
+        parts = list(self._array("parameters").split(WIDTHS)) if self.shared else self.host
+        for k, value in values.items():
+            parts[k][:, : value.shape[1]].copy_(value)
+        if 0 in values:
+            count = values[0].shape[1]
+            parts[0][2, count : self.used] = BEHIND
+            self.used = count
+        if self.shared:
+            _wait(parts[0], *values.values())
+        else:
+            self.renderer.update(self.model)
+        self.holds = holder
+
+    def draw(self, camera: Camera, where: torch.device) -> tuple[Tensor, Tensor]:
+        """Copies of the picture (H, W, 3) and of its alpha (H, W)."""
+        if not self.shared:
+            image = self.renderer.render(camera)
+            return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)
+        self.renderer.draw(camera)
+        rgb = torch.empty((camera.height, camera.width, 3), dtype=torch.float32, device=where)
+        rgb.copy_(self._array("rgb"))
+        alpha = (1 - self._array("transmittance")).to(where)
+        _wait(rgb, alpha)
+        return rgb, alpha
+
+    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> list[Tensor]:
+        """Gradients of the used rows, as of NAMES. Good until the next call."""
+        if self.shared and v_rgb is not None and v_alpha is None:
+            array = self.renderer.array("v_rgb", size=(camera.height, camera.width))
+            into = cast(Any, torch).from_dlpack(array)
+            into.copy_(v_rgb)
+            _wait(into, v_rgb)
+            self.renderer.vjp(camera, array, parameters=False)
+        else:
+            host = [None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)]
+            found = self.renderer.vjp(camera, *host, parameters=not self.shared)
+        if self.shared:
+            rows = self._array("gradient")[:, : self.used]
+            if not is_finite(rows):
+                raise NumericalError("a gradient of the splats is not finite")
+            return list(rows.split(WIDTHS))
+        return [torch.from_numpy(found[0][name].T)[:, : self.used] for name in NAMES]
+
+
+def _wait(*tensors: Tensor) -> None:
+    """The library does not know of the streams of torch."""
+    for device in {tensor.device for tensor in tensors if tensor.is_cuda}:
+        torch.cuda.current_stream(device).synchronize()
+
+
+_slots: list[Slot] = []  # the one used last is at the end
+_slots_lock = threading.Lock()
+
+
+def slot_for(device: DeviceLike, count: int) -> Slot:
+    """A kept renderer with room for `count` splats and not for many times more, or a new one with room to grow."""
+    where = opened(device)
+    with _slots_lock:
+        fitting = [s for s in _slots if s.device is where and count <= s.room <= 4 * count + 4096]
+        if fitting:
+            slot = min(fitting, key=lambda s: s.room)
+            _slots.remove(slot)
+        else:
+            # One that became too small for its scene is in the way.
+            _slots[:] = [s for s in _slots if s.device is not where or not count / 2 <= s.room < count]
+            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256)
+        _slots.append(slot)
+        del _slots[:-FREE_SLOTS]
+    return slot
+
+
+def _scale_inverse(scale: Tensor) -> Tensor:
+    return scale + torch.log(-torch.expm1(-scale))
+
+
+def extremes(tensor: Tensor) -> tuple[float, float]:
+    """Least and greatest value, not a number where one is none; 0 of an empty tensor."""
+    if tensor.numel() == 0:
+        return 0.0, 0.0
+    low, high = torch.aminmax(tensor.detach())  # one pass, where torch.isfinite takes several
+    return float(low), float(high)
+
+
+def is_finite(tensor: Tensor) -> bool:
+    return all(map(math.isfinite, extremes(tensor)))
+
+
+class Rows:
+    """The parameters of the flat splats that show ellipses, and the factors of their gradients."""
+
+    def __init__(
+        self, size: tuple[int, int], means2d: Tensor, factor: Tensor, depths: Tensor, opacities: Tensor
+    ) -> None:
+        width, height = size
+        focal = float(max(size))
+        zero, one = torch.zeros_like(depths), torch.ones_like(depths)
+        drawn = depths > 0
+        centre = means2d.T - means2d.new_tensor([[width / 2], [height / 2]])
+        centre = torch.where(drawn, centre, zero)
+        factor = torch.where(drawn, factor, one)
+        opacities = torch.where(drawn, opacities, zero)
+        z = torch.where(drawn, depths, one)
+        # A power of two times the depth, which changes no order: then scales are near one, where softplus is exact.
+        larger = 2.0 ** math.ceil(math.log2(focal))
+        self.unit = z * (larger / focal)  # of a pixel, at the depth of the splat
+        self.xyz = torch.cat([centre * self.unit, torch.where(drawn, z * larger, z * BEHIND)[None]])
+        l00, l10, l11 = factor
+        thin = torch.maximum(l00, l11) * THICKNESS
+        self.scale = _scale_inverse((torch.stack([l00, l11, thin]) * self.unit).clamp_min(1e-30))
+        self.triangle = torch.stack([l10 * self.unit, zero, zero])
+        self.opacity = torch.logit(opacities.clamp(1e-8, 1 - 2.0**-24))[None]
+
+    def as_values(self) -> dict[int, Tensor]:
+        return {0: self.xyz, 2: self.opacity, 3: self.scale, 4: self.triangle}
+
+    def gradients(self, v: list[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """With respect to means2d, factor and opacities."""
+        v_xyz, _, v_opacity, v_scale, v_triangle = v
+        v_scale = v_scale[:2] / torch.sigmoid(self.scale[:2]) * self.unit
+        v_factor = torch.stack([v_scale[0], v_triangle[0] * self.unit, v_scale[1]])
+        slope = torch.sigmoid(self.opacity) * torch.sigmoid(-self.opacity)
+        return (v_xyz[:2] * self.unit).T, v_factor, (v_opacity / slope)[0]
+
+
+def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
+    """torch's once_differentiable, which has no types."""
+    made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
+    return made
+
+
+class Draw(torch.autograd.Function):
+    """Inputs: (width, height), a device of ubs, means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities
+    (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device draws three channels at a time."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
+        size: tuple[int, int] = inputs[0]
+        device: DeviceLike = inputs[1]
+        means2d, factor, depths, colors, opacities = inputs[2:]
+        where, (width, height) = means2d.device, size
+        ctx.save_for_backward(means2d, factor, depths, colors, opacities)
+        ctx.set_materialize_grads(False)
+        ctx.size, ctx.slot = size, None
+        count, channels = colors.shape
+        if count == 0:
+            return colors.new_zeros((height, width, channels)), colors.new_zeros((height, width))
+        rows = Rows(size, means2d, factor, depths, opacities)
+        for name, tensor in (("centre", rows.xyz), ("ellipse", rows.scale), ("ellipse", rows.triangle), ("colour", colors)):
+            if not is_finite(tensor):
+                raise NumericalError(f"the projected {name} of a splat is not finite: its parameters are too large")
+        ctx.camera = _camera(size)
+        ctx.slot = slot_for(device, count)
+        ctx.holder = object()
+        images = []
+        with ctx.slot.lock:
+            for first in range(0, max(channels, 1), 3):
+                values = {1: _three(colors, first, depths)}
+                ctx.slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
+                rgb, alpha = ctx.slot.draw(ctx.camera, where)
+                images.append(rgb)
+        image = images[0] if len(images) == 1 else torch.cat(images, -1)
+        return image[..., :channels], alpha
+
+    @staticmethod
+    @_first_order
+    def backward(ctx: Any, v_image: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
+        means2d, factor, depths, colors, opacities = ctx.saved_tensors
+        v_colors = torch.zeros_like(colors)
+        total: list[Tensor] = [torch.zeros_like(t) for t in (means2d, factor, opacities)]
+        if ctx.slot is not None and (v_image is not None or v_alpha is not None):
+            where, slot, channels = means2d.device, ctx.slot, colors.shape[1]
+            rows = Rows(ctx.size, means2d, factor, depths, opacities)
+            passes = range(0, max(channels, 1), 3) if v_image is not None else range(1)
+            with slot.lock:
+                for first in reversed(passes):  # what was drawn last is still there
+                    if slot.holds is None or slot.holds != (ctx.holder, first):
+                        mine = slot.holds is not None and slot.holds[0] is ctx.holder
+                        values = {1: _three(colors, first, depths)}
+                        slot.put((ctx.holder, first), values if mine else {**rows.as_values(), **values})
+                    v_rgb = None if v_image is None else _padded(v_image[..., first : first + 3])
+                    v = [t.to(where) for t in slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)]
+                    width = min(3, channels - first)
+                    v_colors[:, first : first + width] = v[1][:width].T
+                    total = [a + b for a, b in zip(total, rows.gradients(v))]
+                    _wait(*total)
+        return (None, None, total[0], total[1], None, v_colors, total[2])
+
+
+def _camera(size: tuple[int, int]) -> Camera:
+    width, height = size
+    focal = float(max(size))
+    return Camera.from_matrix(np.eye(4), (focal, focal, width / 2, height / 2), width, height)
+
+
+def _padded(tensor: Tensor) -> Tensor:
+    missing = 3 - tensor.shape[-1]
+    return tensor if missing == 0 else cast(Tensor, torch.nn.functional.pad(tensor, (0, missing)))
+
+
+def _three(colors: Tensor, first: int, depths: Tensor) -> Tensor:
+    """Three channels from `first` on, as rows."""
+    part = _padded(colors[:, first : first + 3]).T
+    return torch.where(depths > 0, part, torch.zeros_like(part))
+
+
+def draw(
+    size: tuple[int, int],
+    device: DeviceLike,
+    means2d: Tensor,
+    factor: Tensor,
+    depths: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """An image (H, W, D) of ellipses, without a background, and its alpha (H, W). means2d (n, 2) [px]; factor (3, n):
+    l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,), which decide the order, and hide
+    what is not above 0; colors (n, D); opacities (n,), 0 to 1."""
+    image, alpha = Draw.apply(size, device, means2d, factor, depths, colors, opacities)
+    return image, alpha

@@ -1,0 +1,540 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Projection of Gaussians and their drawing, with the names and arguments of gsplat 1.5."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Any, Optional, Sequence
+
+import torch
+from torch import Tensor
+
+from .._device import DeviceLike
+from .._errors import NumericalError, UsageError
+from ._raster import draw, extremes, is_finite
+
+CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
+RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
+RASTERIZE_MODES = ("classic", "antialiased")
+LEAST_ALPHA = 1 / 255  # what is less is not drawn
+REACH = 3.33  # standard deviations that radii cover at most
+
+
+class RollingShutterType(Enum):
+    """How a camera reads its rows. ubs draws with GLOBAL alone."""
+
+    ROLLING_TOP_TO_BOTTOM = 0
+    ROLLING_LEFT_TO_RIGHT = 1
+    ROLLING_BOTTOM_TO_TOP = 2
+    ROLLING_RIGHT_TO_LEFT = 3
+    GLOBAL = 4
+
+
+def _choice(name: str, value: Any, known: Sequence[str]) -> None:
+    if value not in known:
+        raise UsageError(f"{name}={value!r} is not supported: choose one of {', '.join(map(repr, known))}")
+
+
+def _refuse(**given: Any) -> None:
+    for name, value in given.items():
+        if value is not None and value is not False and value is not RollingShutterType.GLOBAL:
+            shown = "" if isinstance(value, Tensor) else f"={value}"
+            raise UsageError(f"{name}{shown} is not supported by ubs.gsplat: leave it out, or draw with gsplat on CUDA")
+
+
+def _check(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None = None) -> Tensor:
+    if not isinstance(tensor, Tensor):
+        raise UsageError(f"{name} must be a torch.Tensor, not {type(tensor).__name__}")
+    if tensor.dtype != torch.float32:
+        raise UsageError(f"{name} is of {tensor.dtype}: ubs.gsplat takes torch.float32")
+    if tuple(tensor.shape) not in shapes:
+        wanted = " or ".join(str(shape) for shape in shapes)
+        raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
+    if like is not None and tensor.device != like.device:
+        raise UsageError(f"{name} is on {tensor.device}, means are on {like.device}: move it there")
+    if not is_finite(tensor):
+        raise NumericalError(f"{name} has values that are not finite")
+    return tensor
+
+
+def _shape(tensor: Any, name: str, at_least: int) -> tuple[int, ...]:
+    if not isinstance(tensor, Tensor) or tensor.dim() < at_least:
+        raise UsageError(f"{name} must be a torch.Tensor with at least {at_least} dimensions")
+    return tuple(tensor.shape)
+
+
+def _side(name: str, value: Any) -> int:
+    if isinstance(value, bool) or int(value) != value or not 1 <= value <= 65536:
+        raise UsageError(f"{name}={value!r} must be a whole number of pixels from 1 to 65536")
+    return int(value)
+
+
+def _number(name: str, value: float, least: float = 0.0) -> float:
+    if not least <= value < math.inf:
+        raise UsageError(f"{name}={value} must be a finite number of at least {least:g}")
+    return float(value)
+
+
+# ---- Spherical harmonics ----
+
+# Coefficients of the real harmonics of degrees 0 to 4, in the order and with the signs of 3D Gaussian Splatting.
+_C0 = math.sqrt(1 / (4 * math.pi))
+_C1 = math.sqrt(3 / (4 * math.pi))
+_C2 = [math.sqrt(f / math.pi) for f in (15 / 4, 5 / 16, 15 / 16)]
+_C3 = [math.sqrt(f / math.pi) for f in (35 / 32, 105 / 4, 21 / 32, 7 / 16, 105 / 16)]
+_C4 = [math.sqrt(f / math.pi) for f in (315 / 16, 315 / 32, 45 / 16, 45 / 32, 9 / 256, 45 / 64, 315 / 256)]
+
+
+def _harmonics(degree: int, x: Tensor, y: Tensor, z: Tensor) -> list[Tensor]:
+    """Values of the basis functions at unit vectors."""
+    found = [torch.full_like(x, _C0)]
+    if degree >= 1:
+        found += [-_C1 * y, _C1 * z, -_C1 * x]
+    if degree >= 2:
+        xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
+        found += [
+            _C2[0] * xy,
+            -_C2[0] * yz,
+            _C2[1] * (3 * zz - 1),
+            -_C2[0] * xz,
+            _C2[2] * (xx - yy),
+        ]
+    if degree >= 3:
+        found += [
+            -_C3[0] * y * (3 * xx - yy),
+            _C3[1] * xy * z,
+            -_C3[2] * y * (5 * zz - 1),
+            _C3[3] * z * (5 * zz - 3),
+            -_C3[2] * x * (5 * zz - 1),
+            _C3[4] * z * (xx - yy),
+            -_C3[0] * x * (xx - 3 * yy),
+        ]
+    if degree >= 4:
+        found += [
+            _C4[0] * xy * (xx - yy),
+            -_C4[1] * yz * (3 * xx - yy),
+            _C4[2] * xy * (7 * zz - 1),
+            -_C4[3] * yz * (7 * zz - 3),
+            _C4[4] * (zz * (35 * zz - 30) + 3),
+            -_C4[3] * xz * (7 * zz - 3),
+            _C4[5] * (xx - yy) * (7 * zz - 1),
+            -_C4[1] * xz * (xx - 3 * yy),
+            _C4[6] * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
+        ]
+    return found
+
+
+def spherical_harmonics(
+    degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Optional[Tensor] = None
+) -> Tensor:
+    """Colours (..., 3) from coefficients (..., K, 3) and directions (..., 3), which need no unit length; degrees 0 to 4.
+    0 where masks (...) are False. Nothing is added: rasterization() adds 0.5 and clamps at 0."""
+    if isinstance(degrees_to_use, bool) or degrees_to_use not in (0, 1, 2, 3, 4):
+        raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
+    count = (int(degrees_to_use) + 1) ** 2
+    shape = _shape(dirs, "dirs", 1)
+    if _shape(coeffs, "coeffs", 2)[-2] < count:
+        raise UsageError(f"coeffs have {coeffs.shape[-2]} bases, degree {degrees_to_use} needs {count}")
+    _check("dirs", dirs, (*shape[:-1], 3))
+    _check("coeffs", coeffs, (*shape[:-1], coeffs.shape[-2], 3), like=dirs)
+    if masks is not None and tuple(masks.shape) != shape[:-1]:
+        raise UsageError(f"masks have the shape {tuple(masks.shape)}, not {shape[:-1]}")
+    x, y, z = torch.nn.functional.normalize(dirs, dim=-1).unbind(-1)
+    basis = torch.stack(_harmonics(int(degrees_to_use), x, y, z), -1)
+    colors: Tensor = torch.einsum("...k,...kd->...d", basis, coeffs[..., :count, :])
+    return colors if masks is None else torch.where(masks[..., None], colors, torch.zeros_like(colors))
+
+
+# ---- Projection ----
+
+
+def _axes(quats: Tensor, scales: Tensor) -> Tensor:
+    """Rotation times scales (3, 3, B, N), from (B, N, 4), w first, of any length but 0, and (B, N, 3)."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
+    columns = [
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    scaled = [torch.stack(column) * scales[..., k] for k, column in enumerate(columns)]
+    return torch.stack(scaled, 1)
+
+
+class _Projected:
+    """Gaussians as the cameras see them: arrays (..., B, C, N)."""
+
+    def __init__(
+        self,
+        means: Tensor,
+        axes: Tensor | None,
+        covars: Tensor | None,
+        viewmats: Tensor,
+        ks: Tensor,
+        size: tuple[int, int],
+        model: str,
+        planes: tuple[float, float],
+        eps2d: float,
+    ) -> None:
+        """means (B, N, 3); axes (3, 3, B, N), or covars of the same shape; viewmats (B, C, 4, 4); ks (B, C, 3, 3)."""
+        rotation = viewmats[..., :3, :3].permute(2, 3, 0, 1)[..., None]
+        shift = viewmats[..., :3, 3].permute(2, 0, 1)[..., None]
+        point = means.permute(2, 0, 1)[:, :, None]
+        x, y, z = rotation[:, 0] * point[0] + rotation[:, 1] * point[1] + rotation[:, 2] * point[2] + shift
+        self.depths = z
+        self.seen = (z >= planes[0]) & (z <= planes[1]) & (z > 0)
+        z = torch.where(self.seen, z, torch.ones_like(z))  # without infinite gradients of what is not seen
+        fx, fy, cx, cy = (ks[..., i, j, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        if model == "pinhole":
+            x, y = x / z, y / z
+            self.means2d = torch.stack([fx * x + cx, fy * y + cy])
+            width, height = size
+            # As published, the ellipse is that of a centre not farther out than 15 % of the image beyond its border.
+            beyond_x, beyond_y = 0.15 * width / fx, 0.15 * height / fy
+            x = torch.minimum(torch.maximum(x, -cx / fx - beyond_x), (width - cx) / fx + beyond_x)
+            y = torch.minimum(torch.maximum(y, -cy / fy - beyond_y), (height - cy) / fy + beyond_y)
+            first = (rotation[0] - x * rotation[2]) * (fx / z)
+            second = (rotation[1] - y * rotation[2]) * (fy / z)
+        elif model == "ortho":
+            self.means2d = torch.stack([fx * x + cx, fy * y + cy])
+            first, second = (rotation[0] * fx).expand(3, *z.shape), (rotation[1] * fy).expand(3, *z.shape)
+        else:
+            square = (x * x + y * y).clamp_min(1e-14)
+            radius = square.sqrt()
+            over = 1 / (square + z * z)
+            bend = torch.atan2(radius, z) / radius  # angle from the axis, by distance from it
+            self.means2d = torch.stack([fx * bend * x + cx, fy * bend * y + cy])
+            slope = (z * over - bend) / square  # of bend, by half the square
+            first = (rotation[0] * (bend + x * x * slope) + rotation[1] * (x * y * slope) - rotation[2] * (x * over)) * fx
+            second = (rotation[0] * (x * y * slope) + rotation[1] * (bend + y * y * slope) - rotation[2] * (y * over)) * fy
+        if axes is not None:
+            p = first[0] * axes[0, :, :, None] + first[1] * axes[1, :, :, None] + first[2] * axes[2, :, :, None]
+            q = second[0] * axes[0, :, :, None] + second[1] * axes[1, :, :, None] + second[2] * axes[2, :, :, None]
+            a, b, c = (p * p).sum(0), (p * q).sum(0), (q * q).sum(0)
+            # (a c - b^2) as the square of p x q, which loses no digits where the ellipse is a needle.
+            cross = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
+            sharp = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]
+        else:
+            assert covars is not None
+            p = first[0] * covars[0, :, :, None] + first[1] * covars[1, :, :, None] + first[2] * covars[2, :, :, None]
+            q = second[0] * covars[0, :, :, None] + second[1] * covars[1, :, :, None] + second[2] * covars[2, :, :, None]
+            a, b, c = (p * first).sum(0), (p * second).sum(0), (q * second).sum(0)
+            sharp = a * c - b * b
+        self.a, self.b, self.c = a + eps2d, b, c + eps2d
+        self.determinant = sharp + (a + c) * eps2d + eps2d * eps2d
+        self.seen = self.seen & (self.determinant > 0)
+        self.compensation = (sharp / self.determinant.clamp_min(1e-30)).clamp_min(1e-12).sqrt()
+
+    def conics(self) -> Tensor:
+        return torch.stack([self.c, -self.b, self.a], -1) / self.determinant.clamp_min(1e-30)[..., None]
+
+    def factor(self) -> Tensor:
+        """Of the covariance: l00, l10, l11."""
+        a = torch.where(self.seen, self.a, torch.ones_like(self.a))
+        l00 = a.sqrt()
+        return torch.stack([l00, self.b / l00, (torch.where(self.seen, self.determinant, a) / a).sqrt()])
+
+    def radii(self, size: tuple[int, int], opacities: Tensor | None, clip: float) -> Tensor:
+        """(B, C, N, 2) whole pixels that the ellipse reaches from its centre; 0 where nothing of it is in the image."""
+        with torch.no_grad():
+            reach = torch.full_like(self.a, REACH)
+            seen = self.seen
+            if opacities is not None:
+                seen = seen & (opacities >= LEAST_ALPHA)
+                reach = (2 * torch.log(opacities.clamp_min(LEAST_ALPHA) / LEAST_ALPHA)).sqrt().clamp_max(REACH)
+            spread = torch.stack([self.a, self.c]).clamp_min(0).sqrt()
+            radii = torch.ceil(reach * spread)
+            seen = seen & (radii > clip).any(0)
+            sides = radii.new_tensor(size)[:, None, None, None]
+            seen = seen & ((self.means2d + radii > 0) & (self.means2d - radii < sides)).all(0)
+            return torch.where(seen, radii, torch.zeros_like(radii)).permute(1, 2, 3, 0).to(torch.int32)
+
+
+def _symmetric(covars: Tensor) -> Tensor:
+    """(3, 3, B, N) from (B, N, 6), the upper triangle, or (B, N, 3, 3), of which the same is read."""
+    six = covars if covars.dim() == 3 else covars[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].permute(2, 0, 1).reshape(3, 3, *six.shape[:2])
+
+
+def _intrinsics(ks: Tensor) -> None:
+    if bool((ks[..., [0, 1, 2, 2], [1, 0, 0, 1]] != 0).any()) or bool((ks[..., 2, 2] != 1).any()):
+        raise UsageError("Ks must have the form [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: skew is not supported")
+    if not bool((ks[..., [0, 1], [0, 1]] > 0).all()):
+        raise UsageError("Ks must have focal lengths above 0")
+
+
+def _projected(
+    means: Tensor,
+    covars: Tensor | None,
+    quats: Tensor | None,
+    scales: Tensor | None,
+    viewmats: Tensor,
+    ks: Tensor,
+    size: tuple[int, int],
+    eps2d: float,
+    planes: tuple[float, float],
+    model: str,
+) -> tuple[_Projected, tuple[int, ...]]:
+    """Checks, and projects with batch dimensions made one. Also gives the batch dimensions."""
+    _choice("camera_model", model, CAMERA_MODELS)
+    *batch, n, _ = _shape(means, "means", 2)
+    cameras = _shape(viewmats, "viewmats", 3)[-3]
+    _check("means", means, (*batch, n, 3))
+    _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
+    _check("Ks", ks, (*batch, cameras, 3, 3), like=means)
+    _intrinsics(ks)
+    _number("eps2d", eps2d)
+    _number("near_plane", planes[0])
+    _number("far_plane", planes[1])
+    flat = math.prod(batch)
+    axes = None
+    if covars is None:
+        if quats is None or scales is None:
+            raise UsageError("neither covars nor both of quats and scales are given: pass one of the two")
+        _check("quats", quats, (*batch, n, 4), like=means)
+        _check("scales", scales, (*batch, n, 3), like=means)
+        axes = _axes(quats.reshape(flat, n, 4), scales.reshape(flat, n, 3))
+    else:
+        _check("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
+        covars = _symmetric(covars.reshape(flat, n, *covars.shape[len(batch) + 1 :]))
+    seen = _Projected(
+        means.reshape(flat, n, 3), axes, covars, viewmats.reshape(flat, cameras, 4, 4),
+        ks.reshape(flat, cameras, 3, 3), size, model, planes, eps2d,
+    )
+    return seen, tuple(batch)
+
+
+def fully_fused_projection(
+    means: Tensor,
+    covars: Optional[Tensor],
+    quats: Optional[Tensor],
+    scales: Optional[Tensor],
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    eps2d: float = 0.3,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    packed: bool = False,
+    sparse_grad: bool = False,
+    calc_compensations: bool = False,
+    camera_model: str = "pinhole",
+    opacities: Optional[Tensor] = None,
+) -> tuple[Any, ...]:
+    """Projects Gaussians, means (..., N, 3), given by covars (..., N, 6), the upper triangle, or (..., N, 3, 3), or by
+    quats (..., N, 4) and scales (..., N, 3), into the images of cameras, viewmats (..., C, 4, 4) and Ks (..., C, 3, 3).
+
+    Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
+    (..., C, N), None without calc_compensations. packed: batch_ids, camera_ids and gaussian_ids (nnz,) first, and the
+    others (nnz, ...), of what has radii above 0 alone."""
+    _refuse(sparse_grad=sparse_grad)
+    size = (_side("width", width), _side("height", height))
+    planes = (near_plane, far_plane)
+    seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+    strength = None
+    if opacities is not None:
+        _check("opacities", opacities, (*batch, means.shape[-2]), like=means)
+        strength = opacities.reshape(-1, 1, means.shape[-2])
+        strength = strength * seen.compensation if calc_compensations else strength
+    radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
+    found = [radii, seen.means2d.permute(1, 2, 3, 0), seen.depths, seen.conics()]
+    found += [seen.compensation] if calc_compensations else []
+    if packed:
+        ids = torch.where((radii > 0).all(-1))
+        return (*ids, *(tensor[ids] for tensor in found), *(() if calc_compensations else (None,)))
+    shaped = [tensor.reshape(*batch, *tensor.shape[1:]) for tensor in found]
+    return (*shaped, *(() if calc_compensations else (None,)))
+
+
+# ---- Drawing ----
+
+
+class Meta(dict):  # type: ignore[type-arg]
+    """What rasterization() gives beside the pictures, by gsplat's names."""
+
+    def __missing__(self, key: str) -> Any:
+        raise KeyError(f"{key}: ubs keeps no such list; there are {', '.join(self)}")
+
+
+def rasterization(
+    means: Tensor,
+    quats: Optional[Tensor],
+    scales: Optional[Tensor],
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    eps2d: float = 0.3,
+    sh_degree: Optional[int] = None,
+    packed: bool = True,
+    tile_size: int = 16,
+    backgrounds: Optional[Tensor] = None,
+    render_mode: str = "RGB",
+    sparse_grad: bool = False,
+    absgrad: bool = False,
+    rasterize_mode: str = "classic",
+    channel_chunk: int = 32,
+    distributed: bool = False,
+    camera_model: str = "pinhole",
+    segmented: bool = False,
+    covars: Optional[Tensor] = None,
+    with_ut: bool = False,
+    with_eval3d: bool = False,
+    radial_coeffs: Optional[Tensor] = None,
+    tangential_coeffs: Optional[Tensor] = None,
+    thin_prism_coeffs: Optional[Tensor] = None,
+    ftheta_coeffs: Any = None,
+    rolling_shutter: Any = RollingShutterType.GLOBAL,
+    viewmats_rs: Optional[Tensor] = None,
+    *,
+    device: DeviceLike = None,
+) -> tuple[Tensor, Tensor, dict[str, Any]]:
+    """Draws Gaussians as C cameras see them, with gradients of every tensor, Ks and viewmats too.
+
+    means (..., N, 3); quats (..., N, 4), w first, of any length but 0; scales (..., N, 3); opacities (..., N), 0 to 1;
+    colors (..., [C,] N, D) or, with sh_degree, coefficients of harmonics (..., [C,] N, K, 3); viewmats (..., C, 4, 4)
+    from the world to cameras; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3) in the place of quats
+    and scales. "..." are batch dimensions. N may be 0.
+
+    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D, and 1 more in
+    the modes RGB+D and RGB+ED, whose last channel is the depth; 1 in D and ED. The dictionary has means2d, whose
+    gradient retain_grad() keeps, radii, depths, conics, opacities, and with `packed` batch_ids, camera_ids and
+    gaussian_ids, which say whose they are.
+
+    channel_chunk, segmented and tile_size decide how gsplat divides its work; here they change no pixel. `device`, which
+    gsplat has not, is the one of ubs that draws: a number, "gpu", a part of a name."""
+    _refuse(
+        sparse_grad=sparse_grad, absgrad=absgrad, distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
+        radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
+        ftheta_coeffs=ftheta_coeffs, rolling_shutter=rolling_shutter, viewmats_rs=viewmats_rs,
+    )
+    _choice("render_mode", render_mode, RENDER_MODES)
+    _choice("rasterize_mode", rasterize_mode, RASTERIZE_MODES)
+    size = (_side("width", width), _side("height", height))
+    tile_size = _side("tile_size", tile_size)
+    planes = (near_plane, far_plane)
+    seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+    n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
+    _check("opacities", opacities, (*batch, n), like=means)
+    least, most = extremes(opacities)
+    if least < 0 or most > 1:
+        raise UsageError("opacities must be from 0 to 1: apply torch.sigmoid to parameters without bounds")
+    strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
+    if rasterize_mode == "antialiased":
+        strength = strength * seen.compensation
+    radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
+    visible = (radii > 0).all(-1)
+    ids = torch.where(visible) if packed else None
+
+    def chosen(tensor: Tensor) -> Tensor:
+        return tensor if ids is None else tensor[ids]
+
+    means2d = chosen(seen.means2d.permute(1, 2, 3, 0))
+    if ids is None:
+        means2d = means2d.reshape(*batch, cameras, n, 2)
+    depths, radii, strength, conics = (chosen(t) for t in (seen.depths, radii, strength, seen.conics()))
+    factor = seen.factor() if ids is None else seen.factor()[(slice(None), *ids)]
+    bands: list[Tensor] = []
+    if "RGB" in render_mode:
+        bands.append(_shaded(means, colors, viewmats, sh_degree, batch, cameras, ids, visible))
+    if "D" in render_mode:
+        bands.append(depths[..., None])
+    values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
+    grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], render_mode)
+
+    # Where the splats of each image begin, packed.
+    counts = [n] * (flat * cameras) if ids is None else visible.sum(-1).reshape(-1).tolist()
+    order = torch.where(visible, seen.depths.detach(), -torch.ones_like(visible, dtype=torch.float32))
+    parts = [means2d.reshape(-1, 2), factor.reshape(3, -1), chosen(order).reshape(-1)]
+    parts += [values.reshape(-1, values.shape[-1]), strength.reshape(-1)]
+    split = [part.split(counts, dim=int(k == 1)) for k, part in enumerate(parts)]
+    images, alphas = [], []
+    for k in range(flat * cameras):
+        image, alpha = draw(size, device, *(part[k] for part in split))
+        alpha = alpha[..., None]
+        if grounds is not None:
+            image = image + (1 - alpha) * grounds[k]
+        if "ED" in render_mode:
+            image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
+        images.append(image)
+        alphas.append(alpha)
+    shape = (*batch, cameras, height, width)
+
+    def whole(pictures: list[Tensor], channels: int) -> Tensor:
+        if not pictures:
+            return means.new_zeros((*shape, channels))
+        return torch.stack(pictures).reshape(*shape, channels)
+
+    def out(tensor: Tensor) -> Tensor:
+        return tensor if ids is not None else tensor.reshape(*batch, *tensor.shape[1:])
+
+    meta = Meta(
+        batch_ids=None if ids is None else ids[0],
+        camera_ids=None if ids is None else ids[1],
+        gaussian_ids=None if ids is None else ids[2],
+        radii=out(radii),
+        means2d=means2d,
+        depths=out(depths),
+        conics=out(conics),
+        opacities=out(strength),
+        width=width,
+        height=height,
+        tile_size=tile_size,
+        tile_width=-(-width // tile_size),
+        tile_height=-(-height // tile_size),
+        n_batches=flat,
+        n_cameras=cameras,
+    )
+    return whole(images, values.shape[-1]), whole(alphas, 1), meta
+
+
+def _shaded(
+    means: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    degree: int | None,
+    batch: tuple[int, ...],
+    cameras: int,
+    ids: tuple[Tensor, ...] | None,
+    visible: Tensor,
+) -> Tensor:
+    """Colours (B, C, N, D), or (nnz, D) of the chosen."""
+    n, flat = means.shape[-2], math.prod(batch)
+    last = _shape(colors, "colors", len(batch) + (2 if degree is None else 3))[-1:]
+    if degree is not None:
+        last = (colors.shape[-2], 3)
+    _check("colors", colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
+    own = colors.dim() == len(batch) + 2 + len(last)  # of each camera
+    colors = colors.reshape(flat, cameras if own else 1, n, *last)
+    if ids is not None:
+        colors = colors[ids] if own else colors[:, 0][ids[0], ids[2]]
+    else:
+        colors = colors.expand(flat, cameras, n, *last)
+    if degree is None:
+        return colors
+    centres = torch.linalg.solve(viewmats[..., :3, :3], -viewmats[..., :3, 3:]).reshape(flat, cameras, 1, 3)
+    points = means.reshape(flat, 1, n, 3)
+    if ids is not None:
+        dirs = points[:, 0][ids[0], ids[2]] - centres[:, :, 0][ids[0], ids[1]]
+        return (spherical_harmonics(degree, dirs, colors) + 0.5).clamp_min(0)
+    return (spherical_harmonics(degree, points - centres, colors, visible) + 0.5).clamp_min(0)
+
+
+def _grounds(
+    backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, mode: str
+) -> list[Tensor] | None:
+    """Of each image, with 0 behind depths."""
+    if backgrounds is None or "RGB" not in mode:
+        return None
+    wanted = channels - ("D" in mode)
+    _check("backgrounds", backgrounds, (*batch, cameras, wanted), like=means)
+    if channels > wanted:
+        backgrounds = torch.nn.functional.pad(backgrounds, (0, 1))
+    return list(backgrounds.reshape(-1, channels))

@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Strategies, which decide during training where Gaussians are added and removed, with the names of gsplat 1.5.
+
+The parameters are a dictionary of torch.nn.Parameter: "means" (N, 3), "scales" (N, 3), their logarithms, "quats" (N, 4),
+"opacities" (N,), before the sigmoid, and others (N, ...) of any name. Each that is learnt has an optimiser of its own.
+A strategy replaces them in these dictionaries, and keeps what the optimisers have noted of the Gaussians that stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Dict, MutableMapping, Optional
+
+import torch
+from torch import Tensor
+
+from .._errors import UsageError
+from .rendering import _axes
+
+Parameters = MutableMapping[str, Any]
+Optimizers = Dict[str, Any]
+NEEDED = ("means", "scales", "quats", "opacities")
+MOST_COPIES = 51  # of one Gaussian, whose opacity and size a relocation takes into account
+
+
+@dataclass
+class Strategy:
+    """What strategies have in common. One that does nothing."""
+
+    def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
+        """UsageError where parameters are missing, or an optimiser of one."""
+        missing = [name for name in NEEDED if name not in params]
+        if missing:
+            raise UsageError(f"params have no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
+        learnt = {name for name, value in params.items() if value.requires_grad}
+        if learnt != set(optimizers):
+            different = ", ".join(sorted(learnt ^ set(optimizers)))
+            raise UsageError(f"every parameter with requires_grad needs an optimiser of its name, check {different}")
+        for name, optimizer in optimizers.items():
+            groups = optimizer.param_groups
+            if len(groups) != 1 or len(groups[0]["params"]) != 1 or groups[0]["params"][0] is not params[name]:
+                raise UsageError(f"the optimiser {name!r} must have one group with one parameter, params[{name!r}]")
+
+    def step_pre_backward(self, *args: Any, **kwargs: Any) -> None:
+        """To be called between rasterization() and backward()."""
+
+    def step_post_backward(self, *args: Any, **kwargs: Any) -> None:
+        """To be called after backward()."""
+
+
+def _replace(
+    params: Parameters, optimizers: Optimizers, state: Dict[str, Any], kept: Tensor, copied: Tensor,
+    changed: Dict[str, Tensor],
+) -> None:
+    """Keeps the Gaussians of the indices `kept`, and appends copies of those of `copied` with the values of `changed`.
+    Optimisers have noted nothing of the copies."""
+    with torch.no_grad():
+        for name in list(params):
+            old = params[name]
+            extra = changed[name].to(old) if name in changed else old[copied]
+            new = torch.nn.Parameter(torch.cat([old[kept], extra]), requires_grad=old.requires_grad)
+            params[name] = new
+            if name not in optimizers:
+                continue
+            optimizer = optimizers[name]
+            noted = optimizer.state.pop(old, None)
+            optimizer.param_groups[0]["params"] = [new]
+            if noted is not None:
+                for key, value in noted.items():
+                    if isinstance(value, Tensor) and value.shape == old.shape:
+                        noted[key] = torch.cat([value[kept], torch.zeros_like(extra)])
+                optimizer.state[new] = noted
+        for key, value in state.items():
+            if isinstance(value, Tensor):
+                state[key] = torch.cat([value[kept], value[copied]])
+
+
+def _forget(params: Parameters, optimizers: Optimizers, names: list[str], indices: Optional[Tensor] = None) -> None:
+    """What optimisers have noted of these Gaussians becomes 0."""
+    for name in names:
+        if name in optimizers:
+            for value in optimizers[name].state.get(params[name], {}).values():
+                if isinstance(value, Tensor) and value.shape == params[name].shape:
+                    value[slice(None) if indices is None else indices] = 0
+
+
+def _all(params: Parameters) -> Tensor:
+    means = params["means"]
+    return torch.arange(len(means), device=means.device)
+
+
+def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -> Tensor:
+    """A v, or A A^T v with times = 2, for vectors v (n, 3), where A are rotation times scales."""
+    axes = _axes(params["quats"][indices][None], torch.exp(params["scales"][indices])[None])[:, :, 0]
+    if times == 2:
+        vectors = torch.einsum("kjn,nk->nj", axes, vectors)
+    return torch.einsum("kjn,nj->nk", axes, vectors)
+
+
+@dataclass
+class DefaultStrategy(Strategy):
+    """As published with 3D Gaussian Splatting (Kerbl et al. 2023): Gaussians whose centre in the image has a large
+    gradient are copied if they are small, and split into two if they are large; those that are nearly transparent go."""
+
+    prune_opa: float = 0.005
+    """Gaussians of a lower opacity are removed."""
+    grow_grad2d: float = 0.0002
+    """Mean gradient of the centre, in halves of the image, above which a Gaussian is copied or split."""
+    grow_scale3d: float = 0.01
+    """Size, as a part of the scene, up to which it is copied."""
+    grow_scale2d: float = 0.05
+    """Radius, as a part of the image, above which it is split, see refine_scale2d_stop_iter."""
+    prune_scale3d: float = 0.1
+    """Size, as a part of the scene, above which it is removed once opacities have been reset."""
+    prune_scale2d: float = 0.15
+    """Radius, as a part of the image, above which it is removed, see refine_scale2d_stop_iter."""
+    refine_scale2d_stop_iter: int = 0
+    """Step until which radii in the image count; 0: they do not."""
+    refine_start_iter: int = 500
+    refine_stop_iter: int = 15_000
+    reset_every: int = 3000
+    """Steps after which opacities are reset to at most twice prune_opa."""
+    refine_every: int = 100
+    pause_refine_after_reset: int = 0
+    """Steps without refinement after each reset."""
+    absgrad: bool = False
+    """Not supported: rasterization() has no sum of absolute values."""
+    revised_opacity: bool = False
+    """Splitting keeps the opacity that two parts have together (Rota Bulo et al. 2024)."""
+    verbose: bool = False
+    key_for_gradient: str = "means2d"
+
+    def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
+        """What step_pre_backward() and step_post_backward() take as state."""
+        state: Dict[str, Any] = {"grad2d": None, "count": None, "scene_scale": scene_scale}
+        return {**state, "radii": None} if self.refine_scale2d_stop_iter > 0 else state
+
+    def _refuse_absgrad(self) -> None:
+        if self.absgrad:
+            raise UsageError("absgrad=True is not supported by ubs.gsplat: leave it out and lower grow_grad2d to 0.0002")
+
+    def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
+        self._refuse_absgrad()
+        super().check_sanity(params, optimizers)
+
+    def step_pre_backward(
+        self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
+    ) -> None:
+        """To be called between rasterization() and backward()."""
+        self._refuse_absgrad()
+        info[self.key_for_gradient].retain_grad()
+
+    def step_post_backward(
+        self,
+        params: Parameters,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        step: int,
+        info: Dict[str, Any],
+        packed: bool = False,
+    ) -> None:
+        """To be called after backward(). `packed`: as rasterization() had it."""
+        if step >= self.refine_stop_iter:
+            return
+        with torch.no_grad():
+            self._gather(params, state, info, packed)
+            if (
+                step > self.refine_start_iter
+                and step % self.refine_every == 0
+                and step % self.reset_every >= self.pause_refine_after_reset
+            ):
+                copied, split = self._grow(params, optimizers, state, step)
+                removed = self._prune(params, optimizers, state, step)
+                if self.verbose:
+                    now = len(params["means"])
+                    print(f"step {step}: {copied} Gaussians copied, {split} split, {removed} removed, now {now}")
+                for key in ("grad2d", "count", "radii"):
+                    if state.get(key) is not None:
+                        state[key].zero_()
+            if step > 0 and step % self.reset_every == 0:
+                most = torch.logit(torch.tensor(2 * self.prune_opa)).item()
+                params["opacities"].clamp_(max=most)
+                _forget(params, optimizers, ["opacities"])
+
+    def _gather(self, params: Parameters, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
+        """Sums gradients, counts and greatest radii of what was seen."""
+        if packed != (info["gaussian_ids"] is not None):
+            raise UsageError(f"packed={packed}, but rasterization() was called with packed={not packed}: pass the same")
+        gradient = info[self.key_for_gradient].grad
+        if gradient is None:
+            raise UsageError(f"{self.key_for_gradient} has no gradient: call step_pre_backward() before backward()")
+        half = gradient.new_tensor([info["width"] / 2, info["height"] / 2]) * info["n_cameras"]
+        length = (gradient * half).norm(dim=-1)
+        radii = info["radii"]
+        if packed:
+            ids = info["gaussian_ids"]
+        else:
+            seen = (radii > 0).all(-1)
+            ids, length, radii = torch.where(seen)[-1], length[seen], radii[seen]
+        count = len(params["means"])
+        for key in ("grad2d", "count", "radii"):
+            if key in state and state[key] is None:
+                state[key] = torch.zeros(count, device=length.device)
+        state["grad2d"].index_add_(0, ids, length)
+        state["count"].index_add_(0, ids, torch.ones_like(length))
+        if "radii" in state:
+            largest = radii.amax(-1).float() / float(max(info["width"], info["height"]))
+            state["radii"].scatter_reduce_(0, ids, largest, "amax")
+
+    def _grow(self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int) -> tuple[int, int]:
+        moved = state["grad2d"] / state["count"].clamp_min(1) > self.grow_grad2d
+        small = torch.exp(params["scales"]).amax(-1) <= self.grow_scale3d * state["scene_scale"]
+        divided = moved & ~small
+        if step < self.refine_scale2d_stop_iter:
+            divided |= state["radii"] > self.grow_scale2d
+        copied = torch.where(moved & small)[0]
+        _replace(params, optimizers, state, _all(params), copied, {})
+        divided = torch.cat([divided, divided.new_zeros(len(copied))])
+        chosen = torch.where(divided)[0].repeat(2)
+        changed = {
+            "means": params["means"][chosen]
+            + _rotated(params, chosen, torch.randn(len(chosen), 3, device=chosen.device), 1),
+            "scales": params["scales"][chosen] - torch.log(torch.tensor(1.6)),
+        }
+        if self.revised_opacity:
+            changed["opacities"] = torch.logit(1 - (1 - torch.sigmoid(params["opacities"][chosen])).sqrt())
+        _replace(params, optimizers, state, torch.where(~divided)[0], chosen, changed)
+        return len(copied), len(chosen) // 2
+
+    def _prune(self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int) -> int:
+        gone = torch.sigmoid(params["opacities"].flatten()) < self.prune_opa
+        if step > self.reset_every:
+            gone |= torch.exp(params["scales"]).amax(-1) > self.prune_scale3d * state["scene_scale"]
+            if step < self.refine_scale2d_stop_iter:
+                gone |= state["radii"] > self.prune_scale2d
+        _replace(params, optimizers, state, torch.where(~gone)[0], torch.where(gone)[0][:0], {})
+        return int(gone.sum())
+
+
+def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
+    """Opacities (n,) and scales (n, 3) that let `copies` (n,) Gaussians at one place look as one did before (Kheradmand et
+    al. 2024, equation 9)."""
+    number = copies.clamp(1, MOST_COPIES).double()
+    before = opacities.double()
+    after = 1 - (1 - before) ** (1 / number)
+    total = torch.zeros_like(after)
+    chosen = torch.ones_like(after)  # binomial coefficients, number over k; the inner sums of the equation are these
+    for k in range(1, MOST_COPIES + 1):
+        chosen = chosen * (number - (k - 1)) / k
+        total = total - (-1.0) ** k * chosen * after**k / k**0.5
+    return after.to(opacities), scales * (before / total).to(scales)[:, None]
+
+
+@dataclass
+class MCMCStrategy(Strategy):
+    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024): Gaussians that are nearly transparent
+    move to others, chosen by opacity; some are added in the same way; noise moves those that are not opaque."""
+
+    cap_max: int = 1_000_000
+    """Greatest number of Gaussians."""
+    noise_lr: float = 5e5
+    """Noise, by the rate of the means."""
+    refine_start_iter: int = 500
+    refine_stop_iter: int = 25_000
+    refine_every: int = 100
+    min_opacity: float = 0.005
+    """Gaussians of at most this opacity move to others."""
+    verbose: bool = False
+
+    def initialize_state(self) -> Dict[str, Any]:
+        """What step_post_backward() takes as state: nothing, here."""
+        return {}
+
+    def step_post_backward(
+        self,
+        params: Parameters,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        step: int,
+        info: Dict[str, Any],
+        lr: float,
+    ) -> None:
+        """To be called after backward() and the steps of the optimisers. lr: the rate of the means."""
+        with torch.no_grad():
+            if self.refine_start_iter < step < self.refine_stop_iter and step % self.refine_every == 0:
+                dead = torch.sigmoid(params["opacities"].flatten()) <= self.min_opacity
+                moved = self._move(params, optimizers, torch.where(dead)[0], torch.where(~dead)[0])
+                count = len(params["means"])
+                added = max(0, min(self.cap_max, int(1.05 * count)) - count)
+                if added:
+                    chosen = self._share(params, optimizers, _all(params), added)
+                    _replace(params, optimizers, {}, _all(params), chosen, {})
+                if self.verbose:
+                    print(f"step {step}: {moved} Gaussians moved, {added} added, now {len(params['means'])}")
+            opacities = torch.sigmoid(params["opacities"].flatten())
+            loose = torch.sigmoid(100 * ((1 - opacities) - 0.995)) * (lr * self.noise_lr)
+            noise = torch.randn_like(params["means"]) * loose[:, None]
+            params["means"].add_(_rotated(params, _all(params), noise, 2))
+
+    def _move(self, params: Parameters, optimizers: Optimizers, dead: Tensor, alive: Tensor) -> int:
+        if len(dead) == 0 or len(alive) == 0:
+            return 0
+        chosen = self._share(params, optimizers, alive, len(dead))
+        for value in params.values():
+            value[dead] = value[chosen]
+        _forget(params, optimizers, list(params), dead)
+        return len(dead)
+
+    def _share(self, params: Parameters, optimizers: Optimizers, among: Tensor, number: int) -> Tensor:
+        """Chooses by opacity, and gives the chosen what they have when they share it with their copies."""
+        opacities = torch.sigmoid(params["opacities"])
+        sums = opacities.flatten()[among].double().cumsum(0)
+        at = torch.rand(number, dtype=torch.float64, device=sums.device) * sums[-1]
+        chosen = among[torch.searchsorted(sums, at).clamp_max(len(among) - 1)]
+        copies = torch.bincount(chosen, minlength=len(opacities))
+        several = torch.where(copies > 0)[0]
+        opacity, scales = relocated(
+            opacities.flatten()[several], torch.exp(params["scales"][several]), copies[several] + 1
+        )
+        opacity = opacity.clamp(self.min_opacity, 1 - torch.finfo(torch.float32).eps)
+        params["opacities"][several] = torch.logit(opacity).reshape(-1, *opacities.shape[1:])
+        params["scales"][several] = torch.log(scales)
+        _forget(params, optimizers, list(params), several)
+        return chosen
