@@ -226,7 +226,7 @@ int run(RenderOptions& options) {
   CountProgress progress(split.views.size(), "views", !writes);
   const auto together = static_cast<std::size_t>(ranks().size());
   for (std::size_t i = 0; i < split.views.size(); i += together) {
-    if (ranks().of_first(guard.interrupted()) != 0) {
+    if (on_any_rank(guard.interrupted())) {
       progress.finish();
       warn("interrupted after {} of {} views{}", i, split.views.size(),
            options.video.empty() ? "" : "; no video is written");

@@ -76,7 +76,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
     return !outcome.interrupted;
   });
   progress.finish();
-  outcome.interrupted = ranks().of_first(outcome.interrupted) != 0;
+  outcome.interrupted = on_any_rank(outcome.interrupted);
   return outcome;
 }
 
@@ -381,7 +381,9 @@ int run(const TrainOptions& options) {
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }
-  return guard.interrupted() ? kInterruptedExitCode : 0;
+  // Of a job all ranks say the same: a request that came to one of them after the last step changed nothing.
+  const bool interrupted = ranks().size() > 1 ? outcome.interrupted : guard.interrupted();
+  return interrupted ? kInterruptedExitCode : 0;
 }
 
 }  // namespace

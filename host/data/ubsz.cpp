@@ -370,9 +370,30 @@ SplatModel joined(const SplatModel& a, const SplatModel& b) {
   return out;
 }
 
-// Adds groups of a header; `join`: to those of the levels before.
+// Joins groups of the same dimension, in the order of their first ones. Neighbours first: one after the other
+// would copy the first levels once for each further one.
+void join_groups(std::vector<SplatModel>& groups) {
+  std::vector<std::vector<SplatModel>> parts;
+  for (SplatModel& group : groups) {
+    auto same = std::ranges::find(parts, group.dim, [](const auto& list) { return list.front().dim; });
+    if (same == parts.end()) same = parts.emplace(parts.end());
+    same->push_back(std::move(group));
+  }
+  groups.clear();
+  for (std::vector<SplatModel>& list : parts) {
+    while (list.size() > 1) {
+      std::vector<SplatModel> pairs;
+      for (std::size_t i = 0; i + 1 < list.size(); i += 2) pairs.push_back(joined(list[i], list[i + 1]));
+      if (list.size() % 2 == 1) pairs.push_back(std::move(list.back()));
+      list = std::move(pairs);
+    }
+    groups.push_back(std::move(list.front()));
+  }
+}
+
+// Adds groups of a header.
 void unpack_groups(const Json& json, std::span<const std::byte> packed, const ModelVariant& variant,
-                   const std::string& name, bool join, MixedModel& model) {
+                   const std::string& name, MixedModel& model) {
   std::vector<GroupCode> groups;
   std::size_t plain = 0;
   for (const Json& group : json)
@@ -384,11 +405,7 @@ void unpack_groups(const Json& json, std::span<const std::byte> packed, const Mo
   for (const GroupCode& code : groups) {
     SplatModel part(code.dim, code.count, variant);
     take_group(parameters, code, part);
-    const auto same = std::ranges::find(model.groups, code.dim, &SplatModel::dim);
-    if (same == model.groups.end() || !join)
-      model.groups.push_back(std::move(part));
-    else
-      *same = joined(*same, part);
+    model.groups.push_back(std::move(part));
   }
 }
 
@@ -442,12 +459,13 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
       set_switch(variant, key, value.get<std::string>(), name);
     if (comments) *comments = header.at("comments").get<std::vector<std::string>>();
     if (version == kUbszVersion) {
-      unpack_groups(header.at("groups"), in.take(in.remaining()), variant, name, false, model);
+      unpack_groups(header.at("groups"), in.take(in.remaining()), variant, name, model);
     } else {
       for (const Json& level : header.at("levels"))
-        unpack_groups(level.at("groups"), in.take(level.at("bytes").get<std::size_t>()), variant, name, true,
+        unpack_groups(level.at("groups"), in.take(level.at("bytes").get<std::size_t>()), variant, name,
                       model);
       if (in.remaining() > 0) fail(ErrorKind::data, "{} bytes behind the last level", in.remaining());
+      join_groups(model.groups);
     }
   } catch (const nlohmann::json::exception& error) {
     fail(ErrorKind::data, "{}: the header does not fit: {}", name, error.what());

@@ -89,6 +89,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"build", c.build},
           {"views_by_rank", c.views_by_rank},
           {"budget", budget_json(c.budget)},
+          {"first_row", c.first_row},
           {"settings", settings_json(c.settings)}};
 }
 
@@ -157,6 +158,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   c.device = h.at("device").get<std::string>();
   c.build = h.at("build").get<std::string>();
   c.views_by_rank = h.value("views_by_rank", std::vector<std::uint64_t>{});
+  c.first_row = h.value("first_row", "");
   if (const Json& budget = h.at("budget"); !budget.is_null()) c.budget = read_budget(budget);
   read_settings(h.at("settings"), c.settings, name);
   return {h.at("values").get<std::uint64_t>(),    h.at("moments").get<std::uint64_t>(),

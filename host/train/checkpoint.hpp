@@ -27,6 +27,7 @@ struct Checkpoint {
   // Of ranks with several kinds of devices: how many views of a batch each one draws.
   std::vector<std::uint64_t> views_by_rank;
   TimeBudget budget;
+  std::string first_row;  // of log.csv, whose seconds and loss no other run has; empty before there is one
 };
 
 // Replaces the file in one step: what was there stays until the new one is complete. Throws Error(data) when

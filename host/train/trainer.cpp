@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 
 #include "host/base/error.hpp"
 #include "host/device/operations.hpp"
@@ -242,7 +243,9 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       clock.go_on();
     }
     // Before the state is kept: a run that is killed in between logs this iteration again, none is missing.
-    go_on = ranks_.of_first(on_step(report)) != 0;
+    std::uint64_t stops = on_step(report) ? 0 : 1;  // of any rank
+    ranks_.sum(std::span(&stops, 1));
+    go_on = stops == 0;
     if (now.saves && go_on) {
       save_state();
       clock.go_on();

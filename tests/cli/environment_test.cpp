@@ -92,6 +92,54 @@ std::set<std::string> kept_kernels(const std::filesystem::path& folder) {
   return libraries;
 }
 
+// PoCL, left to itself, runs what is in a folder that anybody may have made.
+TEST_CASE("without a folder of the user's kernels are compiled in one of the process alone") {
+  const TempFolder folder;
+  put(folder / fmt::format("ubs-{}", ::geteuid()), "");  // somebody else was there first
+  for (const std::string given : {"", "HOME= XDG_CACHE_HOME= POCL_CACHE_DIR=", "UBS_KERNEL_CACHE=off"}) {
+    const Result result =
+        run_command(folder, fmt::format("strace -f -qq -e trace=mkdir,openat -o calls env -u HOME {}",
+                                        with_cache(given, "devices")));
+    if (result.code == 127) {
+      WARN("no strace here: not tested");
+      return;
+    }
+    INFO(given << "\n" << result.err);
+    CHECK(result.code == 0);
+    CHECK(result.out.find("Portable Computing Language") != std::string::npos);
+    const std::string calls = get(folder / "calls");
+    CHECK(calls.find("/ubs-temporary-") != std::string::npos);
+    for (const char* guessable : {"/tmp/pocl", "/tmp/.pocl", "/var/cache/pocl", "/var/tmp/pocl", "kcache"})
+      CHECK(calls.find(guessable) == std::string::npos);
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+    CHECK(entry.path().filename().string().find("ubs-temporary-") == std::string::npos);
+}
+
+TEST_CASE("a damaged kernel cache is healed, in one line") {
+  const TempFolder folder;
+  const std::string train = with_cache(
+      "UBS_KERNEL_CACHE=$PWD/cache",
+      "train data --out run --overwrite --dim 3 --iterations 1 --init-points 10 --cap-max 10 --quiet "
+      "--no-plan");
+  ubs_ok(folder, "synth glossy --out data --width 16 --height 16 --views 2 --test-views 1");
+  REQUIRE(run_command(folder, train).code == 0);
+  const std::string model = get(folder / "run/model.ply");
+  for (const std::string damage : {"-name '*.so' -exec truncate -s 0", "-name '*.bc' -exec truncate -s 0",
+                                   "-name '*.so' -exec truncate -s 9000"}) {
+    REQUIRE(run_command(folder, "find cache " + damage + " {} \\;").code == 0);
+    const Result result = run_command(folder, train);
+    INFO(damage << "\n" << result.err);
+    CHECK(result.code == 0);
+    CHECK(lines(result.err) == 1);
+    CHECK(result.err.find("cache/pocl were damaged") != std::string::npos);
+    CHECK(get(folder / "run/model.ply") == model);
+    const Result again = run_command(folder, train);
+    CHECK(again.code == 0);
+    CHECK(again.err.empty());
+  }
+}
+
 TEST_CASE("without any folder for kernels the error says so, not that a driver is missing") {
   const TempFolder folder;
   put(folder / "file", "");

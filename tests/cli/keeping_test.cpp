@@ -93,6 +93,31 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
+TEST_CASE("cli: the checkpoint of another run is not continued in this one's folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  REQUIRE(interrupted_run(folder, "a", "TERM", "--checkpoint-every 60") == 130);
+  REQUIRE(interrupted_run(folder, "same", "TERM", "--checkpoint-every 60") == 130);  // settings and data too
+  REQUIRE(interrupted_run(folder, "other", "TERM", "--checkpoint-every 60 --seed 5") == 130);
+  const std::string own = get(folder / "a/checkpoint.ubs"), config = get(folder / "a/config.yaml");
+  for (const std::string from : {"same", "other"}) {
+    fs::copy_file(folder / (from + "/checkpoint.ubs"), folder / "a/checkpoint.ubs",
+                  fs::copy_options::overwrite_existing);
+    const std::string log = get(folder / "a/log.csv");
+    check_error(folder, "train --resume a --quiet", 3, "a/checkpoint.ubs: is of another run than log.csv");
+    CHECK(get(folder / "a/log.csv") == log);
+    CHECK(get(folder / "a/config.yaml") == config);
+  }
+  fs::remove(folder / "a/log.csv");
+  check_error(folder, "train --resume a --quiet", 3, "another run than config.yaml beside it (seed = 5");
+  put(folder / "a/checkpoint.ubs", own);
+  CHECK(run_ubs(folder, "train --resume a --quiet").code == 0);
+  // Alone in a folder a checkpoint is all that a run needs.
+  fs::create_directories(folder / "new");
+  fs::copy_file(folder / "other/checkpoint.ubs", folder / "new/checkpoint.ubs");
+  CHECK(run_ubs(folder, "train --resume new --quiet").code == 0);
+}
+
 TEST_CASE("cli: what cannot be continued is one line") {
   const TempFolder folder;
   synthesise(folder);

@@ -150,6 +150,24 @@ wait $job)",
   CHECK(killed.code != 124);  // it did not hang
 }
 
+TEST_CASE("ranks: a request to end that one of them gets ends all, with a checkpoint and one exit code") {
+  const TempFolder folder;
+  synthesise(folder);
+  test::put(folder / "end.sh", fmt::format(R"(
+export {}
+{} {} -n 2 '{}' {} & job=$!
+for i in $(seq 30000); do [ "$(wc -l < many/log.csv 2>/dev/null || echo 0)" -ge 2 ] && break; sleep 0.02; done
+kill -TERM $(ps -o pid= --ppid $job | tail -n 1)
+wait $job)",
+                                           kAsRank, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE,
+                                           training(6, 4, "many", 100000)));
+  const Result ended = test::run_command(folder, "timeout 600 bash end.sh");
+  INFO(ended.err);
+  CHECK(ended.code == 130);
+  CHECK(fs::exists(folder / "many/checkpoint.ubs"));
+  CHECK(metrics(folder, "many")["interrupted"] == true);
+}
+
 TEST_CASE("ranks: training has the same bits for every number of them, and of a rank's threads") {
   const TempFolder folder;
   synthesise(folder);

@@ -528,6 +528,24 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
                Contains("cut"));
 }
 
+TEST_CASE("formats: many levels of UBSZ are joined in their order", "[formats]") {
+  std::vector<UbszLevel> levels;
+  for (int i = 0; i < 2001; ++i) {
+    MixedModel model(std::vector<SplatModel>{initialise_random(i % 3 == 0 ? 6 : 3, 1, 1)});
+    model.groups[0].row(0)[0] = static_cast<float>(i);
+    levels.push_back({std::move(model), {}, 20});
+  }
+  const MixedModel all = unpack_ubsz(pack_ubsz_levels(levels, {}).bytes, "levels");
+  REQUIRE(all.groups.size() == 2);
+  REQUIRE(all.groups[0].count == 667);
+  REQUIRE(all.groups[1].count == 1334);
+  for (std::size_t i = 0; i < 667; ++i) {
+    CHECK(all.groups[0].row(0)[i] == static_cast<float>(3 * i));
+    CHECK(all.groups[1].row(0)[2 * i] == static_cast<float>(3 * i + 1));
+    CHECK(all.groups[1].row(0)[2 * i + 1] == static_cast<float>(3 * i + 2));
+  }
+}
+
 TEST_CASE("formats: small files that stand for huge models are refused", "[formats]") {
   const TempFolder folder;
   const auto refusal = [&](std::span<const std::byte> bytes, const char* name) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <span>
 #include <sstream>
 #include <thread>
 
@@ -46,6 +47,12 @@ void join() {
 void leave() { job().reset(); }
 
 Communicator& ranks() { return job() ? *job() : alone(); }
+
+bool on_any_rank(bool here) {
+  std::uint64_t ranks_where = here ? 1 : 0;
+  ranks().sum(std::span(&ranks_where, 1));
+  return ranks_where > 0;
+}
 
 std::string error_prefix() {
   if (ranks().first()) return "";

@@ -14,6 +14,9 @@ void leave();
 // alone() where the process was started by itself.
 Communicator& ranks();
 
+// Whether it is so on any rank. All ranks ask.
+bool on_any_rank(bool here);
+
 // "rank 2: " in front of an error, "" on the first rank. Other ranks wait a moment first: an error that all
 // find is told by the first one, whose end ends them.
 std::string error_prefix();

@@ -32,6 +32,13 @@ namespace fs = std::filesystem;
 constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
 constexpr const char* kConfigHeader = "# Settings of this run; `ubs train --spec` of this file repeats it.\n";
 
+// Of a log with its header; empty where there is no whole row.
+std::string first_row_of(const std::string& log) {
+  const std::size_t header = log.find('\n');
+  const std::size_t end = header == std::string::npos ? header : log.find('\n', header + 1);
+  return end == std::string::npos ? "" : log.substr(header + 1, end - header - 1);
+}
+
 // Evenly spaced views, at most `count`; -1: all.
 std::vector<std::size_t> rendered_views(const Split& split, int count) {
   const std::size_t views = split.views.size();
@@ -130,6 +137,37 @@ void RunFolder::resume(TrainSettings settings, int iteration) {
       if (const int row = std::atoi(line.c_str()); row > 0 && row <= iteration) kept += line + '\n';
   }
   start_log(std::move(kept));
+}
+
+std::string RunFolder::first_row() const { return first_row_of(rows_); }
+
+void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
+  const auto refuse = [&](const fs::path& file, const std::string& why) {
+    fail(ErrorKind::data,
+         "{}: is of another run than {} beside it ({}): move it into the folder of its run, or delete that "
+         "file",
+         this->checkpoint().string(), file.filename().string(), why);
+  };
+  if (path_exists(log_file())) {
+    const std::string row = first_row_of(read_text_file(log_file()));
+    // A row behind the checkpoint is one that the run made after it.
+    if (!row.empty() && row != checkpoint.first_row &&
+        (!checkpoint.first_row.empty() || std::atoi(row.c_str()) <= checkpoint.state.iteration))
+      refuse(log_file(), fmt::format("whose first row is '{}', not '{}'", row, checkpoint.first_row));
+  }
+  if (!path_exists(config_file())) return;
+  TrainSettings config;
+  try {
+    load_yaml(bind_fields(config, train_fields()), config_file());
+    if (checkpoint.budget.seconds > 0) {  // they change on the way, and config.yaml is written first
+      config.iterations = checkpoint.settings.iterations;
+      config.work_shares = checkpoint.settings.work_shares;
+      config.growth_end = checkpoint.settings.growth_end;
+    }
+    check_same_settings(config, checkpoint.settings);
+  } catch (const Error& error) {
+    refuse(config_file(), error.what());
+  }
 }
 
 void RunFolder::start_log(std::string rows) {

@@ -12,6 +12,7 @@
 
 #include "host/scene/splat_model.hpp"
 #include "host/scene/train_settings.hpp"
+#include "host/train/checkpoint.hpp"
 #include "host/train/trainer.hpp"
 #include "tools/common/output.hpp"
 
@@ -41,6 +42,11 @@ class RunFolder {
   void resume(TrainSettings settings, int iteration);
   // Adds a row to log.csv. A row that cannot be written is a warning, once; it is kept for sync_log().
   void log(const StepReport& report);
+  // The first row of log.csv; empty before there is one.
+  std::string first_row() const;
+  // Throws Error(data) where config.yaml or log.csv of the folder are those of another run than the
+  // checkpoint.
+  void check_same_run(const Checkpoint& checkpoint) const;
   // Rows so far are on the disk. Throws Error(data) if some cannot be written.
   void sync_log();
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});

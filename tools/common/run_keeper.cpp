@@ -12,7 +12,11 @@ namespace fs = std::filesystem;
 
 Checkpoint open_checkpoint(const fs::path& folder) {
   const RunFolder run(folder);
-  if (path_exists(run.checkpoint())) return read_checkpoint(run.checkpoint());
+  if (path_exists(run.checkpoint())) {
+    Checkpoint checkpoint = read_checkpoint(run.checkpoint());
+    run.check_same_run(checkpoint);
+    return checkpoint;
+  }
   if (path_exists(run.model()))
     fail(ErrorKind::usage,
          "{}: this run is finished (it has a model and no checkpoint) and cannot be extended, because its "
@@ -27,6 +31,7 @@ RunKeeper::RunKeeper(RunFolder& folder, Checkpoint run, int saved)
 bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
   run_.state = state;
   run_.settings = settings;
+  run_.first_row = folder_.first_row();
   try {
     if (folder_.writes())
       folder_.sync_log();   // the rows up to here, which a continued run does not make again

@@ -10,7 +10,7 @@
 namespace ubs::tools {
 
 // The checkpoint in the folder of a run that was not finished. Throws Error(usage) when the run is finished,
-// Error(data) when there is no checkpoint or it cannot be read.
+// Error(data) when there is no checkpoint, it cannot be read, or it is that of another run.
 Checkpoint open_checkpoint(const std::filesystem::path& folder);
 
 class RunKeeper {
