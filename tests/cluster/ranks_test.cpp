@@ -141,7 +141,7 @@ export {} {}
 {} {} -n {} '{}' {} & job=$!
 for i in $(seq 30000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
 kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
-wait $job)",
+wait $job)sh",
                                             kAsRank, environment, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, count,
                                             UBS_EXECUTABLE, arguments));
   const Result killed = test::run_command(folder, "timeout 600 bash kill.sh");
@@ -153,12 +153,12 @@ wait $job)",
 TEST_CASE("ranks: a request to end that one of them gets ends all, with a checkpoint and one exit code") {
   const TempFolder folder;
   synthesise(folder);
-  test::put(folder / "end.sh", fmt::format(R"(
+  test::put(folder / "end.sh", fmt::format(R"sh(
 export {}
 {} {} -n 2 '{}' {} & job=$!
 for i in $(seq 30000); do [ "$(wc -l < many/log.csv 2>/dev/null || echo 0)" -ge 2 ] && break; sleep 0.02; done
 kill -TERM $(ps -o pid= --ppid $job | tail -n 1)
-wait $job)",
+wait $job)sh",
                                            kAsRank, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, UBS_EXECUTABLE,
                                            training(6, 4, "many", 100000)));
   const Result ended = test::run_command(folder, "timeout 600 bash end.sh");
