@@ -14,6 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FEW = {
     "iterations=7000": "iterations=20, init_points=300",
+    "steps, count = 2000, 5000": "steps, count = 60, 300",
+    "refine_start_iter=200": "refine_start_iter=20, refine_every=20",
     '("iterations", 7000)': '("iterations", 20).set("init_points", 300)',
 }
 
@@ -51,6 +53,15 @@ def test_examples_of_python(place: Path, package: str) -> None:
         ran += wants
     assert ran == ["numpy", "numpy"] + [package] * (package != "numpy")
     assert (place / "model.ply").stat().st_size > 10000
+
+
+def test_example_of_gsplat(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+    (text,) = examples("gsplat.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(text, "docs/gsplat.md", "exec"), names)
+    assert "step 0: loss" in capsys.readouterr().out
+    assert len(names["params"]["means"]) != 300 and float(names["loss"]) < 0.5
 
 
 def test_examples_of_c(place: Path) -> None:
