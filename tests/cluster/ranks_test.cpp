@@ -141,7 +141,7 @@ export {} {}
 {} {} -n {} '{}' {} & job=$!
 for i in $(seq 30000); do [ -s many/checkpoint.ubs ] && break; sleep 0.02; done
 kill -KILL $(ps -o pid= --ppid $job | tail -n 1)
-wait $job)sh",
+wait $job)",
                                             kAsRank, environment, UBS_MPIEXEC, UBS_MPIEXEC_FLAGS, count,
                                             UBS_EXECUTABLE, arguments));
   const Result killed = test::run_command(folder, "timeout 600 bash kill.sh");
