@@ -121,7 +121,7 @@ TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere")
     check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr));
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
     CHECK(std::ranges::any_of(values_of(gradient), [](float x) { return x != 0; }));
-    check_usage("no group 1", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
+    check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
     check_usage("without depth", [&] { renderer.array(UBS_ARRAY_DEPTH); });
   }
 }
