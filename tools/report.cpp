@@ -117,9 +117,10 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
     if (!views.same) run.remarks.push_back(fmt::format(kOthers, options.data, ""));
     return views;
   }
-  std::string why = model.data.empty()
-                        ? "which data the run was trained on is not known (--data DIR)"
-                        : fmt::format("the data folder {} is gone (--data DIR names another)", model.data);
+  std::string why =
+      model.data.empty()
+          ? "which data the run was trained on is not known (--data DIR)"
+          : fmt::format("the data folder {} does not exist (choose another with --data DIR)", model.data);
   for (const fs::path& place : data_places(model.data, run.folder)) {
     if (!path_exists(place)) continue;
     try {

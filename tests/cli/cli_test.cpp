@@ -114,7 +114,8 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "train --out o", 2, "no data folder given");
   // What people give in place of a data folder.
   for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4"}) std::ofstream(folder / name) << "x";
-  check_error(folder, "train scan.spz", 3, "this is a model, not a data set: show it with 'ubs view scan.spz'");
+  check_error(folder, "train scan.spz", 3,
+              "this is a model, not a data set: show it with 'ubs view scan.spz'");
   check_error(folder, "train photo.JPG", 3, "this is one image: pass a folder of images");
   check_error(folder, "train clip.mp4", 3, "this is a video: cut it into images");
   check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
@@ -476,7 +477,7 @@ TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in 
   CHECK(result.err.find("warning: all training views have the same time") != std::string::npos);
   ubs_ok(folder, "synth glossy --size 16 --views 1 --out one");
   const Result one = ubs_ok(folder, "train one --out from-one --iterations 1 --init-points 50");
-  CHECK(one.err.find("warning: all training cameras stand at one place") != std::string::npos);
+  CHECK(one.err.find("warning: all training cameras have the same position") != std::string::npos);
 }
 
 TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {

@@ -226,7 +226,7 @@ TEST_CASE("cap_max holds, and says so") {
   for (int i = 0; i < 200; ++i) points += fmt::format("{} {} 0 9 9 9\n", 0.01 * i, 0.1 * (i % 7));
   put(folder / "data/points3d.ply", points);
   const Result thinned = ubs_ok(folder, "train --data data --out cloud --dim 3 --iterations 1 --cap-max 120");
-  CHECK_THAT(thinned.out, Contains("120 of 200 points taken, evenly spaced"));
+  CHECK_THAT(thinned.out, Contains("using 120 of 200 points, evenly spaced"));
   const SplatModel model = load_splat_model(folder / "cloud/model.ply").model.single("test");
   REQUIRE(model.count == 120);
   CHECK(model.row(0)[119] == Approx(0.01 * 198).margin(0.01));
@@ -251,7 +251,7 @@ TEST_CASE("info counts the views that training will see") {
   CHECK(views() == 4);
   fs::remove(folder / "data/train/r_001.png");
   CHECK(views() == 3);
-  fs::remove_all(folder / "data/train");  // cameras alone
+  for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);  // cameras alone
   CHECK(views() == 4);
 }
 
@@ -293,7 +293,7 @@ TEST_CASE("without points splats begin where the cameras look") {
                       "cameras see in common") &&
                  Contains("begins   192 splats"));
   CHECK_THAT(ubs_ok(folder, train + "--out b --init-extent 0.5 --init-points 50").out,
-             Contains("at random places within 0.5 of the origin") && Contains("begins   50 splats"));
+             Contains("at random positions within 0.5 of the origin") && Contains("begins   50 splats"));
   const SplatModel box = load_splat_model(folder / "b/model.ply").model.single("test");
   for (int axis = 0; axis < 3; ++axis)
     for (const float x : box.row(axis)) CHECK(std::abs(x) < 0.51f);  // one step moves them by 1e-3
@@ -330,8 +330,9 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   const std::string few = " --iterations 1 --init-points 50";
   put(folder / "sets/data-ubs/.ubs-lock", "");  // left by Ctrl-C before the first step
   const Result first = ubs_ok(folder, "train sets/data/" + few);
-  CHECK_THAT(first.out, Contains("sets/data-ubs (--out to choose)") && Contains("dim auto: N = 7") &&
-                            Contains("kernels  compiled in") && Contains("next     ubs report"));
+  CHECK_THAT(first.out, Contains("sets/data-ubs (choose another folder with --out)") &&
+                            Contains("dim auto: N = 7") && Contains("kernels  compiled in") &&
+                            Contains("next     ubs report"));
   CHECK(fs::exists(folder / "sets/data-ubs/model.ply"));
   const json metrics = json::parse(get(folder / "sets/data-ubs/metrics.json"));
   CHECK(metrics["dim"] == 7);
@@ -343,7 +344,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   };
   CHECK(conditioning("sets/data-ubs") == "direct");
   CHECK_THAT(ubs_ok(folder, "train sets/data --out 'my run' --conditioning covariance" + few).out,
-             Contains("ubs report 'my run' (a page)"));
+             Contains("ubs report 'my run' (HTML report)"));
   CHECK(conditioning("my run") == "covariance");
   ubs_ok(folder, "train sets/data --out seven --dim 7" + few);
   CHECK(conditioning("seven") == "covariance");
@@ -356,8 +357,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   check_error(folder, "train nowhere", 3, "no such data folder");
   CHECK(!fs::exists(folder / "nowhere-ubs"));
   // A dimension without time is the user's choice, and said to be one.
-  CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err,
-             Contains("N = 6 has none: what moves is blurred"));
+  CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err, Contains("N = 6 has no time dimension"));
   // The report marks what was set, and not what the data decided.
   const json record = json::parse(ubs_ok(folder, "report sets/data-ubs --json").out);
   const json& run = record["runs"].at(0);
@@ -391,7 +391,7 @@ TEST_CASE("without a word about time a run ends after 16 000 iterations or 15 mi
   put_scene(folder / "data", 64, 8, 1);
   CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
              Contains("iterations in 15 min, at most 100 splats") &&
-                 Contains("--iterations 30000 for the published one"));
+                 Contains("--iterations 30000 for the published schedule"));
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\npyramid: '") && Contains("\ncap_max: 100 "));
 }
 
@@ -579,8 +579,7 @@ TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it
         CHECK(measured["mean"][figure] == trained["test"]["mean"][figure]);
     }
     const std::string exported = ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz", out)).out;
-    CHECK_THAT(exported,
-               Contains(learnt == "sky" ? "before a sky of mean colour 0." : "before background 0."));
+    CHECK_THAT(exported, Contains(learnt == "sky" ? "on a sky of mean colour 0." : "on background 0."));
     ubs_ok(folder, fmt::format("report {0} --out {0}.html", out));
     const std::string page = fmt::format("web {0}/model.ply --exact --out {0}-page.html", out);
     CHECK((ubs_ok(folder, page).err.find("mean colour of the sky") != std::string::npos) ==

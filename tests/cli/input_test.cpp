@@ -118,7 +118,7 @@ TEST_CASE(
     auto fewer = whole.tensors, flat = whole.tensors;
     fewer.erase(name);
     test::put_safetensors(file, fewer);
-    check_error(folder, command, 3, fmt::format("no tensor '{}'", name));
+    check_error(folder, command, 3, fmt::format("tensor '{}' is missing", name));
     flat[name].shape = {tensor.values.size()};
     if (tensor.shape.size() == 1) flat[name].shape = {tensor.values.size(), 1};
     test::put_safetensors(file, flat);

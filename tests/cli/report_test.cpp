@@ -278,7 +278,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   copy("away/run");
   fs::rename(folder / "data", folder / "data-moved");
   ubs_ok(folder, "report away/run --device cpu --overwrite");
-  CHECK(contains(get(folder / "stderr.txt"), "data folder data is gone"));
+  CHECK(contains(get(folder / "stderr.txt"), "data folder data does not exist"));
   Page page = read_page(folder / "away/run/report.html");
   CHECK(page.record["views"].back()["name"] == "around the model 2");
   auto count = counts(page);
@@ -335,11 +335,11 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
   };
   // From a folder above the run nothing is taken; from the working folder only what the run was trained on.
   CHECK(truths(here, "") == 0);
-  CHECK(contains(get(here / "stderr.txt"), "data folder data is gone"));
+  CHECK(contains(get(here / "stderr.txt"), "data folder data does not exist"));
   CHECK(truths(there, "") == 0);
-  CHECK(contains(get(there / "stderr.txt"), "data in data are not those that the run was trained on"));
+  CHECK(contains(get(there / "stderr.txt"), "data is not the data that the run was trained on"));
   CHECK(truths(there, " --data data") == 1);
-  CHECK(contains(get(there / "stderr.txt"), "data in data are not those that the run was trained on"));
+  CHECK(contains(get(there / "stderr.txt"), "data is not the data that the run was trained on"));
   fs::copy(folder / "data", there / "runs/a/data", fs::copy_options::recursive);
   for (const TempFolder* from : {&there, &here}) {
     CHECK(truths(*from, "") == 1);

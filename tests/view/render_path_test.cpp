@@ -46,7 +46,7 @@ TEST_CASE("render --path orbit: pictures and video show the same, all different,
       run_ok(folder,
              "m.ply --path orbit --distance 4 --path-frames 6 --fps 12 --size 80x48 --video o.avi --out p"),
       Contains("6 views of 'path' in p") &&
-          Contains("6 frames of 80x48, 0.50 s at 12 a second, MJPG, in o.avi"));
+          Contains("6 frames of 80x48, 0.50 s at 12 frames per second, MJPG, in o.avi"));
   const Video video(folder / "o.avi");
   REQUIRE(video.frames.size() == 6);
   CHECK(test::file_count(folder / "p") == 6);
@@ -122,5 +122,6 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
   refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size belongs to --path");
   refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov belongs to --path");
   for (const char* option : {"--loops 2", "--centre 1,2,3", "--distance 4", "--elevation 5"})
-    refused(fmt::format("m.ply --path k.json --out o {}", option), 2, "only applies to --path orbit and --path spiral");
+    refused(fmt::format("m.ply --path k.json --out o {}", option), 2,
+            "only applies to --path orbit and --path spiral");
 }

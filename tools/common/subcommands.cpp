@@ -92,7 +92,11 @@ int run(int argc, char** argv) {
     return 0;
   }
   std::vector<std::string> arguments(argv + 1, argv + argc);
-  if (arguments.front() == "help") arguments = words_of_help(arguments);
+  if (arguments.front() == "help") {
+    arguments = words_of_help(arguments);
+    if (arguments.size() > 1 && !root.get_subcommand_no_throw(arguments.front()))
+      return report(unknown_subcommand(root, arguments.front()), exit_code(ErrorKind::usage));
+  }
   try {
     root.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const CLI::ParseError& error) {
