@@ -92,9 +92,12 @@ int run(int argc, char** argv) {
     return 0;
   }
   std::vector<std::string> arguments(argv + 1, argv + argc);
+  const auto is_command = [&](const std::string& word) {
+    return std::ranges::any_of(commands, [&](const Command& c) { return c.app->get_name() == word; });
+  };
   if (arguments.front() == "help") {
     arguments = words_of_help(arguments);
-    if (arguments.size() > 1 && !root.get_subcommand_no_throw(arguments.front()))
+    if (arguments.size() > 1 && !is_command(arguments.front()))
       return report(unknown_subcommand(root, arguments.front()), exit_code(ErrorKind::usage));
   }
   try {
