@@ -252,7 +252,7 @@ TEST_CASE("info counts the views that training will see") {
   fs::remove(folder / "data/train/r_001.png");
   CHECK(views() == 3);
   for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);  // cameras alone
-  CHECK(views() == 4);
+  check_error(folder, "info data --json", 3, "none of the 4 images exists");
 }
 
 TEST_CASE("an interrupted run does not show an earlier measurement as its own") {
@@ -618,7 +618,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   CHECK(fs::exists(folder / "photos/colmap/database.db"));
   CHECK(get(folder / "photos/colmap/pictures.txt") == work);
   const Result found = ubs_ok(folder, "cameras photos --colmap ./colmap --order sequence");
-  CHECK_THAT(found.out, Contains("3 of 3 photographs") && Contains("go on with  ubs train photos\n"));
+  CHECK_THAT(found.out, Contains("3 of 3 images") && Contains("next     ubs train photos\n"));
   CHECK_THAT(get(folder / "calls.txt"),
              Contains("sequential_matcher") && Contains("--ImageReader.single_camera 1"));
   ubs_ok(folder, "train photos --out run --dim 3 --iterations 1 --init-points 20 --test-every 0 --quiet");
