@@ -102,7 +102,7 @@ class Camera:
         if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
             raise UsageError(f"the camera: width and height are integers, not {self.width} and {self.height}")
         if max(abs(self.width), abs(self.height)) >= 2**31:  # of which ctypes would take the lower bits
-            raise UsageError(f"the camera: absurd image size {self.width}x{self.height}")
+            raise UsageError(f"the camera: the image size {self.width}x{self.height} is not possible")
         c.width, c.height = int(self.width), int(self.height)
         c.world_to_camera[:] = [float(v) for v in matrix.ravel()]
         if len(self.extra) > 4:
