@@ -81,7 +81,7 @@ int list(const DevicesOptions& options) {
       say("\n");
     }
   }
-  say("* is what runs without --device here.\n");
+  say("* is used without --device.\n");
   return 0;
 }
 

@@ -260,7 +260,7 @@ int run(InfoOptions& options) {
   const std::filesystem::path model =
       is_packed(options.model) ? std::filesystem::path() : find_splat_model(options.model);
   if (model.empty()) return run_data(options);
-  options.settings.limit({""}, fmt::format("is of data, {} is a model", options.model));
+  options.settings.limit({""}, fmt::format("only applies to data, but {} is a model", options.model));
   const Json info = describe_model(model.string());
   if (options.json) {
     print_json(info);

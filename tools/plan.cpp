@@ -51,7 +51,7 @@ void say_plan(const Device& device, const RunPlan& plan) {
 }
 
 int plan_render(PlanOptions& options) {
-  options.settings.limit(drawing_keys(), "is of a training: leave out --model");
+  options.settings.limit(drawing_keys(), "only applies to training: remove --model");
   options.settings.resolve();  // what is wrong with them is said before the model is read
   const RunData run = use_run_data(options.model, options.data);
   const LoadedModel loaded = open_model(options.model);

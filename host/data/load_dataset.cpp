@@ -202,8 +202,8 @@ std::string detect_layout(const fs::path& path) {
            path.string(), count, shell_word(path.string()));
   std::vector<std::string_view> known;
   for (const Layout& layout : kLayouts) known.push_back(layout.has);
-  fail(ErrorKind::data, "{}: no known layout: there is no {} in this folder", path.string(),
-       fmt::join(known, ", no "));
+  fail(ErrorKind::data, "{}: not a data set: the folder has none of: {}", path.string(),
+       fmt::join(known, "; "));
 }
 
 Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {

@@ -26,9 +26,6 @@
 #ifdef cl_khr_subgroups
 #pragma OPENCL EXTENSION cl_khr_subgroups : enable
 #endif
-#ifdef cl_khr_subgroup_shuffle
-#pragma OPENCL EXTENSION cl_khr_subgroup_shuffle : enable
-#endif
 #ifdef cl_intel_required_subgroup_size  // else a compiler may choose 8
 #define UBS_WAVES __attribute__((intel_reqd_sub_group_size(16)))
 #endif

@@ -136,9 +136,9 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   for (const char* arguments : {"plan d --depth", "plan d --split train"})
     check_error(folder, arguments, 2, "requires --model");
   put(folder / "m.ply", "a model");
-  check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations is of a training");
+  check_error(folder, "plan d --model m.ply --iterations 5", 2, "--iterations only applies to training");
   check_error(folder, "plan d --model m.ply --set dim=3", 2, "unknown key 'dim'");
-  check_error(folder, "info m.ply --allow-outside", 2, "--allow-outside is of data");
+  check_error(folder, "info m.ply --allow-outside", 2, "--allow-outside only applies to data");
   check_error(folder, "render m.ply --out o --split test", 2, "--split requires a data folder");
   fs::remove(folder / "m.ply");
   check_error(folder, "train d --any-device", 2, "--any-device requires --resume");

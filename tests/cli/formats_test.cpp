@@ -323,9 +323,8 @@ TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", 
   const std::vector<std::byte> archive = zip.finish();
   put(folder / "d.zip", {reinterpret_cast<const char*>(archive.data()), archive.size()});
   for (const char* arguments : {"info d.zip", "train d.zip --out r2", "convert d.zip o.ply"})
-    check_error(folder, arguments, 3,
-                "d.zip: a ZIP archive of 2 files, such as 'sparse/0/cameras.bin': unpack it");
-  check_error(folder, "train g.ply --out r2", 3, "g.ply: a splat model (3DGS PLY)");
+    check_error(folder, arguments, 3, "a ZIP archive of 2 files, such as 'sparse/0/cameras.bin': unpack it");
+  check_error(folder, "train g.ply --out r2", 3, "g.ply: this is a model, not a data set");
 
   SplatModel model(3, 1,
                    {.rot_mode = RotMode::quaternion,

@@ -51,7 +51,8 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   check_refused(folder, train("data"), "is the data");
   check_refused(folder, train("data", "--overwrite"), "is the data");
   check_refused(folder, train("alias"), "is the data");
-  check_refused(folder, train("data/train", "--overwrite"), "data/train: this folder contains images or cameras");
+  check_refused(folder, train("data/train", "--overwrite"),
+                "data/train: this folder contains images or cameras");
   check_refused(folder, train("alias/val"), "alias/val: this folder contains images or cameras");
   check_refused(folder, train("."), "holds the data");
   fs::create_directory(folder / "set");
@@ -89,7 +90,7 @@ TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
   fs::remove(other / "run/log.csv");
   fs::create_symlink("renders/mine.png", other / "run/log.csv");
   const auto before = contents(other.path());
-  check_error(other, train("run", "--overwrite"), 3, "log.csv: is a symbolic link");
+  check_error(other, train("run", "--overwrite"), 3, "log.csv: this is a symbolic link");
   CHECK(contents(other.path()) == before);
 }
 
@@ -148,7 +149,8 @@ TEST_CASE("outputs: --overwrite does not reach photographs in a folder of any na
       test::replaced(get(folder / "data/transforms_test.json"), "./test/r_000", "./photos/r_000");
   put(folder / "data/transforms_test.json", test::replaced(text, "./test/r_001", "./photos/r_001"));
   ubs_ok(folder, train("run"));
-  check_refused(folder, "render run data --out data/photos --overwrite", "this folder contains images or cameras");
+  check_refused(folder, "render run data --out data/photos --overwrite",
+                "this folder contains images or cameras");
   check_refused(folder, train("data/photos", "--overwrite"), "this folder contains images or cameras");
   fs::rename(folder / "data/photos", folder / "data/renders");
   std::string moved = get(folder / "data/transforms_test.json");
@@ -243,13 +245,13 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
     INFO(writer.arguments);
-    check_refused(folder, with_out(writer.arguments, "mine.mp4"), "mine.mp4: exists");
+    check_refused(folder, with_out(writer.arguments, "mine.mp4"), "mine.mp4: already exists");
     const bool reads = writer.input && fs::exists(folder / writer.input);
     const std::size_t other = turn++ % (reads ? 4 : 2);
     for (std::size_t i = 0; const std::string link : {"link.mp4", "dangling.mp4"})
       if (const bool chosen = i++ == other; all || chosen)
         check_error(folder, with_out(writer.arguments, link) + " --overwrite", 3,
-                    link + ": is a symbolic link");
+                    link + ": this is a symbolic link");
     if (!reads) continue;
     fs::remove(folder / "hard.mp4");
     fs::create_hard_link(folder / writer.input, folder / "hard.mp4");
@@ -261,7 +263,7 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
                               "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
     const std::string file = std::string(command).substr(std::string(command).find("mine"));
     put(folder / file, "old");
-    check_refused(folder, command, file + ": exists");
+    check_refused(folder, command, file + ": already exists");
     ubs_ok(folder, fmt::format("{} --overwrite", command));
     CHECK(get(folder / file) != "old");
   }
@@ -283,11 +285,13 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
     INFO(arguments);
     ++turn;
     put(folder / "other" / name, "precious");
-    check_refused(folder, with_out(arguments, "other"), name + ": exists");
+    check_refused(folder, with_out(arguments, "other"), name + ": already exists");
     fs::remove_all(folder / "other");
     if (arguments.find("--data") == std::string::npos) continue;
     const std::pair<const char*, const char*> places[] = {
-        {"data/test", "this folder contains images or cameras"}, {"data", "is the data"}, {".", "holds the data"}};
+        {"data/test", "this folder contains images or cameras"},
+        {"data", "is the data"},
+        {".", "holds the data"}};
     // Each command with one of them, with UBS_TEST_ALL with all.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
@@ -297,7 +301,7 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
   ubs_ok(folder, "render run/model.ply --data data --out images --overwrite");
   CHECK(get(folder / "images/r_000.png") != "old");
   CHECK(get(folder / "images/mine.png") == "precious");
-  check_refused(folder, "render run/model.ply --data data --out run/renders", "r_000.png: exists");
+  check_refused(folder, "render run/model.ply --data data --out run/renders", "r_000.png: already exists");
 }
 
 TEST_CASE("outputs: two processes do not write into one folder") {

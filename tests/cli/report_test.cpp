@@ -435,7 +435,7 @@ TEST_CASE("report: what it refuses", "[cli]") {
   refused("", 2, "runs");
   refused("nowhere --out no.html", 3, "no such folder");
   refused("data --out no.html", 3, "not an output folder of 'ubs train'");
-  refused("still/log.csv --out no.html", 3, "is no folder");
+  refused("still/log.csv --out no.html", 3, "not a folder");
   refused("still --out data", 2, "is a folder");
   refused("still --views 0", 2, "--views");
   refused("still --out no.html --data nowhere", 3, "nowhere");

@@ -91,7 +91,7 @@ TEST_CASE("settings: a background is a colour, a sky, or to be learnt") {
   for (const std::string& text : {std::string("0.5,0"), std::string("2,0,0"), sky + ",1", std::string("blue"),
                                   std::string("0,0,nan"), sky.substr(0, sky.rfind(',')) + ",inf"})
     CHECK_THAT(message_of([&] { set(text); }, ErrorKind::usage),
-               Catch::Contains("three numbers r,g,b 0 to 1, the 27 numbers"));
+               Catch::Contains("three numbers r,g,b 0 to 1, white"));
   settings.background.learnt = Background::Learnt::sky;
   settings.refine_cameras = RefineCameras::pose;
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage),

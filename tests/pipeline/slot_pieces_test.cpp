@@ -80,7 +80,8 @@ TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
       REQUIRE(whole.pieces == 1);
       INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
                                << whole.intersections << " intersections");
-      for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
+      for (const std::uint64_t shift : {0, 1, 2}) {             // up to 2, 4 and 8 pieces
+        if (raster == RasterKind::gpu && shift == 2) continue;  // the states of lists need one allocation
         const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
         opencl::OpenclDevice small =
             limited(*device, each * stage_sizes::slot_floats(raster) * sizeof(float));

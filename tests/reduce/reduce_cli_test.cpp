@@ -55,7 +55,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   REQUIRE(timed.size() == 1);  // drawing alone
   CHECK(timed[0]["name"].get<std::string>().starts_with("render.model."));
   CHECK(timed[0]["median_ms"].get<double>() > 0);
-  check_error(folder, "compare --devices cpu --model r.ply --data data", 2, "several dimensions");
+  check_error(folder, "compare --devices cpu --model r.ply --data data", 2, "splats of different dimensions");
 
   ubs_ok(folder, "convert r.ply copy.ply --to ubs");
   CHECK(get(folder / "copy.ply") == get(folder / "r.ply"));

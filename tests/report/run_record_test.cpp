@@ -65,7 +65,7 @@ TEST_CASE("run record: folders", "[report]") {
   const TempFolder folder;
   CHECK_THAT(message_of([&] { read_run(folder / "none"); }), Contains("no such folder"));
   put(folder / "file", "x");
-  CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("is no folder"));
+  CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("not a folder"));
   CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("not an output folder of 'ubs train'"));
 
   // Killed at once: a log and the settings, one of which this version does not know.

@@ -144,7 +144,8 @@ std::string RunFolder::first_row() const { return first_row_of(rows_); }
 void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
   const auto refuse = [&](const fs::path& file, const std::string& why) {
     fail(ErrorKind::data,
-         "{}: is of another run than {} beside it ({}): move it into the folder of its run, or delete that "
+         "{}: belongs to another run than {} beside it ({}): move it into the folder of its run, or delete "
+         "that "
          "file",
          this->checkpoint().string(), file.filename().string(), why);
   };
