@@ -486,3 +486,25 @@ def test_values_that_are_not_finite_are_refused(name: str) -> None:
     for packed in (True, False):
         with pytest.raises(ubs.Error, match=f"{name}.*not finite"):
             rasterization(**s, width=WIDTH, height=HEIGHT, packed=packed)
+
+
+def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCL of cards: values pass through host memory."""
+    from ubs.gsplat import _raster
+
+    def gradients() -> list[Any]:
+        s = {key: value.clone().requires_grad_() for key, value in scene(channels=4).items()}
+        monkeypatch.setattr(_raster, "_slots", [])
+        images, alphas, _ = rasterization(**s, width=WIDTH, height=HEIGHT)
+        weights = torch.linspace(-1, 1, images.numel()).reshape(images.shape)
+        ((images * weights).sum() + alphas.sum()).backward()
+        return [images.detach(), alphas.detach(), *(value.grad for value in s.values())]
+
+    expected = gradients()
+
+    def none(*_: Any, **__: Any) -> Any:
+        raise ubs.UsageError("the device gives no addresses of its memory")
+
+    monkeypatch.setattr(ubs.Renderer, "array", none)
+    for mine, other in zip(gradients(), expected):
+        assert torch.allclose(mine, other, rtol=1e-5, atol=1e-6 * float(other.abs().max()))
