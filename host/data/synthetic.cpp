@@ -151,7 +151,7 @@ void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
   for (const fs::path& file : files_of(o, out)) {
     check_ordinary(file);
     if (!o.overwrite && path_exists(file))
-      fail(ErrorKind::usage, "{}: exists; choose another folder, or replace it with --overwrite",
+      fail(ErrorKind::usage, "{}: already exists: choose another folder, or pass --overwrite to replace it",
            file.string());
   }
   make_folders(out);

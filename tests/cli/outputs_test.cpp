@@ -317,7 +317,7 @@ TEST_CASE("outputs: two processes do not write into one folder") {
   INFO(result.err);
   CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // what the killed one held is free
   CHECK(result.err.find("run: process ") != std::string::npos);
-  CHECK(result.err.find("is writing there") != std::string::npos);
+  CHECK(result.err.find("is writing to this folder") != std::string::npos);
 }
 
 }  // namespace

@@ -69,8 +69,8 @@ TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
   const auto refusal = [](const fs::path& file) {
     return message_of([&] { write_file_atomically(file, "new"); });
   };
-  CHECK_THAT(refusal(folder / "link"), Contains("link: is a symbolic link"));
-  CHECK_THAT(refusal(folder / "dangling"), Contains("dangling: is a symbolic link"));
+  CHECK_THAT(refusal(folder / "link"), Contains("link: this is a symbolic link"));
+  CHECK_THAT(refusal(folder / "dangling"), Contains("dangling: this is a symbolic link"));
   CHECK_THAT(refusal("/dev/null"), Contains("is not an ordinary file"));
   CHECK(get(folder / "a") == "old");
   CHECK(fs::is_symlink(folder / "dangling"));

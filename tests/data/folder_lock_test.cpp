@@ -17,7 +17,7 @@ TEST_CASE("folder lock: one holder at a time, and the second is told who", "[mad
   {
     const FolderLock lock(folder / "new/run");
     CHECK_THAT(message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
-               Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing there"));
+               Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing to this folder"));
   }
   CHECK_FALSE(fs::exists(folder / "new/run"));  // nothing came into it
   put(folder / "old/x", "x");
