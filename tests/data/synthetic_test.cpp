@@ -166,7 +166,7 @@ TEST_CASE("synthetic: files of its names are replaced only if asked for, others 
   const auto said = [&](const char* out) {
     return message_of([&] { export_synthetic(options, folder / out); }, ErrorKind::usage);
   };
-  CHECK_THAT(said("a"), Contains("a/transforms_train.json: exists") && Contains("--overwrite"));
+  CHECK_THAT(said("a"), Contains("a/transforms_train.json: already exists") && Contains("--overwrite"));
   CHECK(contents(folder / "a") == before);
   options.overwrite = true;
   export_synthetic(options, folder / "a");
@@ -179,7 +179,7 @@ TEST_CASE("synthetic: files of its names are replaced only if asked for, others 
 
   options.overwrite = false;
   put(folder / "b/train/r_001.png", "precious");
-  CHECK_THAT(said("b"), Contains("b/train/r_001.png: exists"));
+  CHECK_THAT(said("b"), Contains("b/train/r_001.png: already exists"));
   CHECK(get(folder / "b/train/r_001.png") == "precious");
   put(folder / "file", "x");
   CHECK_THAT(said("file"), Contains("is not a folder"));

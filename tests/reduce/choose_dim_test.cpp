@@ -58,13 +58,13 @@ TEST_CASE("dim auto: no direction where the scene is seen from one", "[reduce]")
   CHECK(choose_dim(views).dim == 5);
   for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {0.0, static_cast<double>(i)};
   CHECK(choose_dim(views).dim == 9);  // three values exist only beside a direction
-  CHECK_THAT(choose_dim(views).reason, Contains("all the same"));
+  CHECK_THAT(choose_dim(views).reason, Contains("the direction is included"));
 
   // Parallel cameras side by side: nobody knows how far away the scene is, so the direction stays.
   views.assign(3, ring(1)[0]);
   for (std::size_t i = 0; i < 3; ++i) views[i].camera.translation[0] += static_cast<double>(i);
   CHECK(choose_dim(views).dim == 6);
-  CHECK_THROWS_WITH(choose_dim(std::vector<View>{}), Contains("no views"));
+  CHECK_THROWS_WITH(choose_dim(std::vector<View>{}), Contains("the training split has none"));
 }
 
 TEST_CASE("dim auto: a setting like any other", "[reduce]") {
