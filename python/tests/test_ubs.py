@@ -298,9 +298,10 @@ def test_settings_take_numbers_of_numpy(folder: Path) -> None:
 
 def test_data_are_read_with_the_settings_of_their_opening(folder: Path, data: ubs.Dataset) -> None:
     for key, value, opened in (("background", (1, 1, 1), "0,0,0"), ("downscale", 2, "1"), ("test_every", 4, "8")):
-        with pytest.raises(ubs.UsageError, match=f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"):
+        message = f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"
+        with pytest.raises(ubs.UsageError, match=message):
             ubs.Trainer(data, **{**SETTINGS, key: value})
-    with pytest.raises(ubs.UsageError, match="background = 0,0,0 has no effect here, .* with 1,1,1"):  # also where nobody chose it
+    with pytest.raises(ubs.UsageError, match="background = 0,0,0 has no effect here, .* 1,1,1"):  # nobody chose it
         ubs.Trainer(ubs.Dataset.open(folder, background=(1, 1, 1)), **SETTINGS)
 
 
