@@ -101,6 +101,8 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
                               cl_uint waits, const cl_event* wait_list, cl_event* event) {
   char name[128] = "";
   clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, nullptr);
+  if (answers.kernel_items > 0 && local && local[0] * local[1] * local[2] > answers.kernel_items)
+    return CL_INVALID_WORK_GROUP_SIZE;
   if (std::strcmp(name, "exchange_check") != 0)
     calls.emplace_back(name);  // at first use, on cards that exchange
   groups[name] = local ? local[0] * local[1] * local[2] : 0;
@@ -392,8 +394,10 @@ TEST_CASE("a kernel that does not fit into a group is refused with what it needs
   };
   {
     const AnswersFor as({.kernel_items = 128});
-    CHECK_THROWS_WITH(draw(), Catch::Contains("needs work-groups of 256 work-items, but") &&
-                                  Catch::Contains("allows at most 128 for this kernel: set raster = cpu"));
+    CHECK_THROWS_WITH(
+        draw(), Catch::Contains("needs work-groups of 256 work-items, but") &&
+                    Catch::Contains(
+                        "allows at most 128 for this kernel (CL_INVALID_WORK_GROUP_SIZE): set raster = cpu"));
   }
   const AnswersFor as({.device_local_bytes = 32768, .kernel_local_bytes = 40000});
   CHECK_THROWS_WITH(
