@@ -17,34 +17,27 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
     fail(ErrorKind::internal, "kernel '{}' is missing in its program ({})", name_, error_name(code));
   check(clGetKernelInfo(kernel_.get(), CL_KERNEL_NUM_ARGS, sizeof argument_count_, &argument_count_, nullptr),
         "clGetKernelInfo");
-  check_local_memory();
 }
 
-// Asked only where a launch has failed: rusticl 22.3 answers 32 for kernels that it runs in groups of 256.
+// Asked only where a launch has failed: rusticl 22.3 answers 32 work-items and twice the local memory for
+// kernels that it runs in groups of 256.
 void Kernel::check_group(std::size_t items, cl_int code) const {
-  std::size_t most = 0;
-  const cl_int answer = clGetKernelWorkGroupInfo(kernel_.get(), device_->id(), CL_KERNEL_WORK_GROUP_SIZE,
-                                                 sizeof most, &most, nullptr);
-  if (answer == CL_SUCCESS && items > most)
-    fail(ErrorKind::device,
-         "kernel '{}' needs work-groups of {} work-items, but {} allows at most {} for this kernel ({}): set "
-         "raster = cpu, or choose another device with --device",
-         name_, items, device_->info().name, most, error_name(code));
-}
-
-void Kernel::check_local_memory() const {
+  std::size_t most = items;
   cl_ulong needed = 0, available = 0;
-  check(clGetKernelWorkGroupInfo(kernel_.get(), device_->id(), CL_KERNEL_LOCAL_MEM_SIZE, sizeof needed,
-                                 &needed, nullptr),
-        "clGetKernelWorkGroupInfo");
-  check(clGetDeviceInfo(device_->id(), CL_DEVICE_LOCAL_MEM_SIZE, sizeof available, &available, nullptr),
-        "clGetDeviceInfo");
+  const auto ask = [&](cl_kernel_work_group_info what, auto& answer) {
+    clGetKernelWorkGroupInfo(kernel_.get(), device_->id(), what, sizeof answer, &answer, nullptr);
+  };
+  ask(CL_KERNEL_WORK_GROUP_SIZE, most);
+  ask(CL_KERNEL_LOCAL_MEM_SIZE, needed);
+  clGetDeviceInfo(device_->id(), CL_DEVICE_LOCAL_MEM_SIZE, sizeof available, &available, nullptr);
+  constexpr const char* kAdvice = "set raster = cpu, or choose another device with --device";
+  if (items > most)
+    fail(ErrorKind::device,
+         "kernel '{}' needs work-groups of {} work-items, but {} allows at most {} for this kernel ({}): {}",
+         name_, items, device_->info().name, most, error_name(code), kAdvice);
   if (needed > available)
-    fail(
-        ErrorKind::device,
-        "kernel '{}' needs {} bytes of local memory, but {} has only {}: set raster = cpu, or choose another "
-        "device with --device",
-        name_, needed, device_->info().name, available);
+    fail(ErrorKind::device, "kernel '{}' needs {} bytes of local memory, but {} has only {} ({}): {}", name_,
+         needed, device_->info().name, available, error_name(code), kAdvice);
 }
 
 cl_mem Kernel::memory_of(Memory* memory) {

@@ -80,10 +80,9 @@ class Kernel {
   void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);
-  // Throws Error(device) where groups of the kernel cannot have so many work-items; code: of the launch that
-  // failed.
+  // Throws Error(device) where groups of the kernel cannot have so many work-items, or where the device has
+  // less local memory than the kernel needs. code: of the launch that failed.
   void check_group(std::size_t items, cl_int code) const;
-  void check_local_memory() const;  // throws Error(device) where the device has less than the kernel needs
   void check_count(std::size_t given) const;
   void set_bytes(cl_uint index, std::size_t bytes, const void* value);
   void launch(Range global, Range local);

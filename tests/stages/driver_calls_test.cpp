@@ -103,6 +103,7 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
   clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, nullptr);
   if (answers.kernel_items > 0 && local && local[0] * local[1] * local[2] > answers.kernel_items)
     return CL_INVALID_WORK_GROUP_SIZE;
+  if (answers.kernel_local_bytes > 0) return CL_OUT_OF_RESOURCES;
   if (std::strcmp(name, "exchange_check") != 0)
     calls.emplace_back(name);  // at first use, on cards that exchange
   groups[name] = local ? local[0] * local[1] * local[2] : 0;
