@@ -51,7 +51,8 @@ std::string write_defect(const fs::path& folder) {
   return why;
 }
 
-// A folder that everybody could guess the name of: it must be ours alone, as the code in it is run.
+// The path is predictable and code is loaded from it, so the folder must be owned by this user with mode
+// 0700.
 std::string private_defect(const fs::path& folder) {
   if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) return reason(errno);
   struct stat status {};
@@ -59,6 +60,12 @@ std::string private_defect(const fs::path& folder) {
   if (!S_ISDIR(status.st_mode)) return "is no folder";
   if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "can be written by other users";
   return cache_defect(folder);
+}
+
+std::string exec_defect(const fs::path& folder) {
+  struct statvfs system {};
+  const bool no_exec = ::statvfs(folder.c_str(), &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
+  return no_exec ? "code cannot be run from there (mounted with noexec)" : "";
 }
 
 std::recursive_mutex cache_mutex;
@@ -96,9 +103,7 @@ std::string cache_defect(const fs::path& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return error.message();
-  struct statvfs system {};
-  if (::statvfs(folder.c_str(), &system) == 0 && (system.f_flag & ST_NOEXEC) != 0)
-    return "code cannot be run from there (mounted with noexec)";
+  if (std::string defect = exec_defect(folder); !defect.empty()) return defect;
   return write_defect(folder);
 }
 
@@ -117,7 +122,8 @@ fs::path process_cache() {
   const std::lock_guard lock(cache_mutex);
   try {
     static const TemporaryFolder folder;  // mkdtemp: of mode 0700, and nobody else's
-    const std::string defect = private_defect(folder.path());
+    // Little room is no reason to have none: the driver says itself what it cannot write.
+    const std::string defect = exec_defect(folder.path());
     if (defect.empty()) return folder.path();
     note(fmt::format("{}: {}", folder.path().string(), defect));
   } catch (const Error& error) {

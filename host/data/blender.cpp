@@ -110,6 +110,26 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
   view.source.reset();
 }
 
+// Finds the images of a split. Where some are not at their exact places the images of all splits are looked
+// for together, so that r_0 of a split without images is not taken for r_0 of another one.
+std::vector<fs::path> find_images(NamedFiles& files, const DataRoot& root, const fs::path& folder,
+                                  const std::string& split, std::vector<StatedName> names) {
+  const std::size_t count = names.size();
+  const bool all_there = files.has_all(folder, names);
+  for (const char* other : {"train", "test", "val"}) {
+    if (all_there || other == split || !has_blender_split(folder, other)) continue;
+    const std::string path = transforms_path(folder, other).string();
+    const Json json = parse_file(root.check(path));
+    for (std::size_t i = 0; i < json["frames"].size(); ++i) {
+      const Node frame = frame_node(json, i, path);
+      names.push_back({frame.text("file_path"), frame.where});
+    }
+  }
+  std::vector<fs::path> images = files.find(folder, names, NamedFiles::Kind::image);
+  images.resize(count);
+  return images;
+}
+
 }  // namespace
 
 bool has_blender_split(const fs::path& folder, const std::string& split) {
@@ -133,32 +153,31 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
     const Node frame = frame_node(json, i, path);
     names.push_back({frame.text("file_path"), frame.where});
   }
-  // The images of all splits are looked for together: r_0 of a split without pictures is not r_0 of another
-  // one.
-  const std::size_t count = names.size();
-  for (const char* name : {"train", "test", "val"}) {
-    if (name == split || !has_blender_split(folder, name)) continue;
-    const std::string other_path = transforms_path(folder, name).string();
-    const Json json_of_other = parse_file(root.check(other_path));
-    for (std::size_t i = 0; i < json_of_other["frames"].size(); ++i) {
-      const Node frame = frame_node(json_of_other, i, other_path);
-      names.push_back({frame.text("file_path"), frame.where});
-    }
-  }
   NamedFiles files(root, folder);
-  std::vector<fs::path> images = files.find(folder, names, NamedFiles::Kind::image);
-  names.resize(count), images.resize(count);
-  const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
-  if (report && options.load_images && !some) {
-    report->note_difference(fmt::format(
-        "no {} split: none of the {} images of {} exists: the first, {}", split, names.size(),
-        transforms_path(folder, split).filename().string(), files.missing(folder, names[0].name)));
-    return {split, {}};
+  const std::vector<fs::path> images = find_images(files, root, folder, split, names);
+  // Without a report, and for cameras alone, views may be without images.
+  const bool needs_images = report && options.load_images;
+  const auto absent = std::ranges::find_if(images, [](const fs::path& image) { return image.empty(); });
+  if (needs_images && absent != images.end()) {
+    const auto count = std::ranges::count_if(images, [](const fs::path& image) { return image.empty(); });
+    const std::string first =
+        files.missing(folder, names[static_cast<std::size_t>(absent - images.begin())].name);
+    const std::string file_name = fs::path(path).filename().string();
+    if (split == "train")
+      fail(ErrorKind::data,
+           "{}: {} of {} images do not exist: the first, {}; copy the images there or correct "
+           "'file_path'",
+           path, count, images.size(), first);
+    if (static_cast<std::size_t>(count) == images.size()) {
+      report->note_difference(fmt::format("no {} split: none of the {} images of {} exists: the first, {}",
+                                          split, count, file_name, first));
+      return {split, {}};
+    }
   }
   std::vector<PendingView> pending;
   for (std::size_t i = 0; i < names.size(); ++i) {
     const Node frame = frame_node(json, i, path);
-    if (report && images[i].empty() && some) {
+    if (needs_images && images[i].empty()) {
       report->skip(names[i].name, "no such image");
       continue;
     }

@@ -112,6 +112,11 @@ void NamedFiles::count_other(Kind kind, const std::string& name, const fs::path&
   if (others.count++ == 0) others.example = fmt::format("'{}' for '{}'", shown(file), name);
 }
 
+bool NamedFiles::has_all(const fs::path& base, const std::vector<StatedName>& images) const {
+  return std::ranges::all_of(
+      images, [&](const StatedName& image) { return !exact_file(base, image.name, Kind::image).empty(); });
+}
+
 std::vector<fs::path> NamedFiles::find(const fs::path& stated_base, const std::vector<StatedName>& names,
                                        Kind kind, bool only_base) {
   const fs::path base = stated_base.empty() ? fs::path(".") : stated_base.lexically_normal();

@@ -30,6 +30,10 @@ class NamedFiles {
   // Both must outlive this object. `folder` is the data folder.
   NamedFiles(const DataRoot& root, std::filesystem::path folder);
 
+  // Returns whether all images are at their exact places. `base` is the folder that the names are relative
+  // to.
+  bool has_all(const std::filesystem::path& base, const std::vector<StatedName>& images) const;
+
   // Returns the file of each name, or an empty path. `base` is the folder that the names are relative to;
   // with `only_base` files elsewhere in the data folder do not count. A file in another folder than stated is
   // taken only where none of the names of that stated folder is there: a single missing image has been

@@ -236,12 +236,12 @@ TEST_CASE("cli: an unknown device is exit code 4 and names what there is") {
   CHECK(ubs_ok(folder, "devices --device 0").out.find("* 0") != std::string::npos);
 }
 
-TEST_CASE("cli: a missing training image is left out with a warning that names it") {
+TEST_CASE("cli: a missing training image is named before training") {
   const TempFolder folder;
   synthesise(folder);
   fs::remove(folder / "data/train/r_003.png");
-  const Result trained = ubs_ok(folder, "train --data data --out o --dim 3 --iterations 1 --init-points 50");
-  CHECK(trained.err.find("1 skipped: no such image (./train/r_003)") != std::string::npos);
+  for (const char* command : {"train --data data --out o", "info data"})
+    check_error(folder, command, 3, "1 of 8 images do not exist: the first, './train/r_003' is not there");
 }
 
 TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
@@ -431,8 +431,13 @@ TEST_CASE("cli: render and gradients need no images when the JSON has w and h") 
   CHECK(get(folder / "before/r_001.npy") == get(folder / "after/r_001.npy"));
   ubs_ok(folder,
          "gradients --model run/model.ply --data data --view 1 --target before/r_001.npy --out g.ply");
-  CHECK(run_ubs(folder, "gradients --model run/model.ply --data data --view 1 --out h.ply").code == 3);
-  CHECK(run_ubs(folder, "eval --model run/model.ply --data data").code == 3);
+  for (const char* command : {"gradients --model run/model.ply --data data --view 1 --out h.ply",
+                              "eval --model run/model.ply --data data"}) {
+    const Result result = run_ubs(folder, command);
+    CHECK(result.code == 3);
+    CHECK(result.err.find("the first, './test/r_000' is not there") != std::string::npos);
+    CHECK(result.err.find("error: data: split 'test' has no views; available: train\n") != std::string::npos);
+  }
 }
 
 TEST_CASE("cli: the configuration of a run repeats it byte for byte") {

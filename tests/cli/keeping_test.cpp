@@ -110,7 +110,8 @@ TEST_CASE("cli: the checkpoint of another run is not continued in this one's fol
     CHECK(get(folder / "a/config.yaml") == config);
   }
   fs::remove(folder / "a/log.csv");
-  check_error(folder, "train --resume a --quiet", 3, "another run than config.yaml beside it");
+  check_error(folder, "train --resume a --quiet", 3,
+              "another run than config.yaml beside it (cannot resume with seed = 5");
   put(folder / "a/checkpoint.ubs", own);
   CHECK(run_ubs(folder, "train --resume a --quiet").code == 0);
   // Alone in a folder a checkpoint is all that a run needs.
@@ -146,11 +147,11 @@ TEST_CASE("cli: what cannot be continued is one line") {
 TEST_CASE("cli: a full disk does not end a run") {
   const TempFolder folder;
   synthesise(folder);
-  // Files above 5 MiB cannot be written: checkpoints of 20 000 splats need 8.4, the model 2.8.
+  // Files above 2 MiB cannot be written: checkpoints of 8000 splats need 3.4, the model 1.1.
   const Result result =
       shell(folder,
-            "trap '' XFSZ; ulimit -f 5120; exec \"$ubs\" train --data data --out run --quiet "
-            "--init-points 20000 --cap-max 20000 --iterations 250 --checkpoint-every 100");
+            "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" train --data data --out run --quiet "
+            "--init-points 8000 --cap-max 8000 --iterations 250 --checkpoint-every 100");
   INFO(result.err);
   CHECK(result.err.find("could not write the checkpoint at iteration 100") != std::string::npos);
   CHECK(result.err.find("could not write the checkpoint at iteration 200") != std::string::npos);

@@ -230,10 +230,11 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png", "images/b.png"});
        }},
-      {"a missing picture (blender)", "1 skipped: no such image (train/b)",
+      {"a missing picture (blender)", "1 skipped: no such image (test/b)",
        [](const fs::path& f) {
-         put_image(f / "train/a.png", 16, 12);
-         put_json(f / "transforms_train.json", {"train/a", "train/b"});
+         put_image(f / "train/a.png", 16, 12), put_image(f / "test/a.png", 16, 12);
+         put_json(f / "transforms_train.json", {"train/a"});
+         put_json(f / "transforms_test.json", {"test/a", "test/b"});
        }},
       {"a split without pictures", "no test split: none of the 1 images of transforms_test.json exists",
        [](const fs::path& f) {
