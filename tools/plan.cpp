@@ -83,6 +83,7 @@ TrainingInput open_training(const PlanOptions& options) {
   warn_skipped(in.data.report);
   in.train = take_train(in.data, run.settings);
   in.test = take_test(in.data, run.settings);
+  divide_by_unit(in.data, std::array{&in.train, &in.test}, run.settings.unit);
   in.unasked = run.fast.has_value();
   in.settings = in.unasked ? unasked_settings(run, in.data, facts_of(in.train, run.settings)) : run.settings;
   return in;
@@ -91,8 +92,8 @@ TrainingInput open_training(const PlanOptions& options) {
 int plan_train(const PlanOptions& options) {
   const auto [settings, unasked, data, train, test] = open_training(options);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
-  const SplatModel initial = initial_model(data, train, settings);
-  const RunPlan plan = plan_training(*device, settings, train, test, initial);
+  const SplatModel initial = initial_model(data, train, in_unit(settings));
+  const RunPlan plan = plan_training(*device, in_unit(settings), train, test, initial);
   if (options.json) {
     Json json = planned_json(options, settings, *device, plan);
     json["budget_seconds"] = unasked ? Json(kUnaskedSeconds) : Json();
@@ -154,11 +155,11 @@ int plan_ranks(const PlanOptions& options) {
   settings = resolve_automatic(std::move(settings));
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);
-  const SplatModel initial = initial_model(data, train, settings);
+  const SplatModel initial = initial_model(data, train, in_unit(settings));
   const RankCosts costs =
       options.costs.empty()
           ? measure_rank_costs(
-                *device, settings, train,
+                *device, in_unit(settings), train,
                 copies(initial, static_cast<std::size_t>(std::min(kMaxMeasured, settings.cap_max))))
           : read_costs(options.costs);
   std::vector<double> splats = options.splats;

@@ -71,6 +71,7 @@ RunModel open_run_model(RunRecord& run) {
   if (const auto print = run.number({"data_print"})) out.data_print = static_cast<std::uint32_t>(*print);
   if (std::optional<Checkpoint> checkpoint = later_checkpoint(run)) {
     run.settings.background = learnt_background(checkpoint->settings.background, checkpoint->state.sky);
+    scale_lengths(checkpoint->state.model, checkpoint->settings.unit);
     out.model = std::move(checkpoint->state.model);
     if (out.data.empty()) out.data = checkpoint->data;
     out.data_print = checkpoint->data_print;

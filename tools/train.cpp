@@ -154,10 +154,10 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   } else {
     const TrainSettings base = fast_base(start);
     const TrainSettings few = fast_settings_for(base, kFewIterations, points_of(data), pictures);
-    const SplatModel initial = initial_model(data, train, few);
+    const SplatModel initial = initial_model(data, train, in_unit(few));
     warm_up(few, initial);
     const Stopwatch watch;
-    budget.costs = measure_steps(device, few, train, initial, 2 * initial.count);
+    budget.costs = measure_steps(device, in_unit(few), train, initial, 2 * initial.count);
     budget.measured = watch.seconds();
     BudgetedRun run = choose_iterations(std::move(budget), base, train, points_of(data), pictures);
     start.settings = std::move(run.settings);
@@ -239,7 +239,7 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
     return start.checkpoint->views_by_rank;
   std::vector<float> speeds(size);
   speeds[static_cast<std::size_t>(ranks().rank())] =
-      static_cast<float>(1 / view_seconds(device, start.settings, train, initial));
+      static_cast<float>(1 / view_seconds(device, in_unit(start.settings), train, initial));
   ranks().merge(speeds);
   const std::vector<double> measured(speeds.begin(), speeds.end());
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
@@ -283,8 +283,8 @@ int run(const TrainOptions& options) {
   if (settings.conditioning_auto) chosen.push_back("conditioning");
   const Split* const given = data.find("train");
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
-  const Split train_split = take_train(data, settings, !start.checkpoint);
-  const Split test_split = take_test(data, settings);
+  Split train_split = take_train(data, settings, !start.checkpoint);
+  Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders, overwrite);
   for (const Split* split : {&train_split, &test_split}) folder.check_apart_from(*split);
   const std::unique_ptr<Device> device =
@@ -294,6 +294,8 @@ int run(const TrainOptions& options) {
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
   if (options.talkative() && options.start.out.empty() && !start.checkpoint)
     say("output   {} (choose another folder with --out)\n", start.out);
+  const std::vector<Camera> given_cameras = cameras_of(train_split);
+  divide_by_unit(data, std::array{&train_split, &test_split}, settings.unit);
   Checkpoint run =
       identity(settings, absolute_path(start.data).lexically_normal().string(), data_print, *device);
   const int device_kinds = join_run(ranks(), run);
@@ -307,7 +309,7 @@ int run(const TrainOptions& options) {
                : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
                                 : TimeBudget{};
   const SplatModel initial =
-      start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, settings);
+      start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, in_unit(settings));
   warm_up(settings, initial);
   if (options.talkative())
     say("kernels  compiled in {:.1f} s (not counted as training time)\n{} {} splats\n", build_seconds,
@@ -315,7 +317,7 @@ int run(const TrainOptions& options) {
   flush_out();
   networks.reset();  // its memory is no part of training's
   device->reset_peak();
-  Trainer trainer(*device, settings, train_split, test_split, initial, ranks());
+  Trainer trainer(*device, in_unit(settings), train_split, test_split, initial, ranks());
   if (device_kinds > 1) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
     trainer.shared()->deal_views(run.views_by_rank);
@@ -342,9 +344,12 @@ int run(const TrainOptions& options) {
   Json json;
   std::size_t renders = 0;
   const auto write_results = [&] {
-    const TrainSettings drawn = trainer.drawn_settings();
+    TrainSettings drawn = settings;
+    drawn.background = trainer.drawn_settings().background;
     if (budget_seconds > 0) folder.write_config(settings);
-    folder.save_model(trainer.model(), model_comments(data, drawn, train_split));
+    SplatModel model = trainer.model();
+    scale_lengths(model, settings.unit);
+    folder.save_model(model, model_comments(data, drawn, given_cameras));
     measure_end(trainer, test_split, outcome);
     peak_bytes = device->peak_bytes();
     std::vector<double> differences;
@@ -365,7 +370,7 @@ int run(const TrainOptions& options) {
       json["budget_seconds"] = budget_seconds > 0 ? Json(budget_seconds) : Json();
       folder.save_metrics(json);
     }
-    folder.save_cameras(trainer, train_split, test_split, data.offset, !outcome.interrupted);
+    folder.save_cameras(trainer, train_split, test_split, data.offset, settings.unit, !outcome.interrupted);
     if (!outcome.interrupted) renders = folder.save_renders(trainer, test_split, settings.save_renders);
   };
   if (outcome.interrupted)

@@ -89,7 +89,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"dropped_splats", trainer.dropped()},
             {"peak_device_bytes", peak_bytes},
             {"predicted_device_bytes", trainer.memory_plan().total()},
-            {"extent", trainer.extent()},
+            {"extent", trainer.extent() * settings.unit},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
             {"actual", actual_json(trainer, peak_bytes)},

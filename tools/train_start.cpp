@@ -46,6 +46,9 @@ TrainSettings fast_base(const NewSettings& run) {
   base.dim = run.settings.dim;
   base.variant = run.settings.variant;
   base.background = run.settings.background;
+  base.unit = run.settings.unit;
+  base.near_plane = run.settings.near_plane;
+  base.far_plane = run.settings.far_plane;
   base.conditioning_auto = false;
   return base;
 }

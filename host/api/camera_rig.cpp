@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "host/scene/extent.hpp"
 #include "host/scene/pose.hpp"
 
 namespace ubs {
@@ -44,6 +45,7 @@ double spread_of(std::span<const Camera> cameras) {
 InitialSpace between(double near, double far, std::string why) {
   return {.near = near,
           .far = far,
+          .depth = std::sqrt(near * far),
           .text = fmt::format("in what the cameras see at depths of {:.3g} to {:.3g}: {}", near, far, why)};
 }
 
@@ -53,7 +55,7 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
   const std::optional<Vec3> point = nearest_to_axes(cameras, least);
   if (!point) return std::nullopt;
   const auto ahead = std::ranges::count_if(
-      cameras, [&](const Camera& c) { return dot(*point - c.centre(), camera_axis(c, 2)) > 0; });
+      cameras, [&](const Camera& c) { return dot(*point - c.centre(), view_direction(c)) > 0; });
   if (2 * static_cast<std::size_t>(ahead) <= cameras.size()) return std::nullopt;
   return point;
 }
@@ -61,12 +63,12 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
 InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind) {
   const double spread = spread_of(cameras);
   // One camera, or a turn on the spot: the pictures are the same at every size of the scene.
-  if (!(spread > 0)) return between(1, 10, "all cameras have the same position, so any depth will do");
+  if (at_one_place(cameras)) return between(1, 10, "all cameras have the same position, so any depth will do");
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
   const double distance =
       meeting ? median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); }) : 0;
   if (!(distance > kMinDistance * spread)) {
-    const Vec3 forward = mean_of(cameras, [](const Camera& c) { return camera_axis(c, 2); });
+    const Vec3 forward = mean_of(cameras, view_direction);
     return length(forward) > kParallel
                ? between(kParallelNear * spread, kParallelFar * spread, "they look the same way")
                : between(kWalkNear * spread, kWalkFar * spread, "they look outwards");
@@ -83,6 +85,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   return {
       .centre = *meeting,
       .half = half,
+      .depth = distance,
       .text = fmt::format("in the space that the cameras see in common, within {:.3g} of ({:.3g}, {:.3g}, "
                           "{:.3g}) along each axis",
                           half, shown(0), shown(1), shown(2))};

@@ -21,6 +21,7 @@ struct InitialSpace {
   Vec3 centre{0, 0, 0};
   double half = 0;
   double near = 0, far = 0;  // 0 < near < far
+  double depth = 0;          // at which the cameras see its middle
   std::string text;          // in words, for the user
 };
 

@@ -8,6 +8,7 @@
 #include "host/base/stopwatch.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/image.hpp"
+#include "host/scene/scene_unit.hpp"
 #include "host/train/measure_steps.hpp"
 #include "host/train/trainer.hpp"
 
@@ -24,6 +25,13 @@ ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
   for (std::size_t i = 0; i < splats.count(); ++i)
     std::copy_n(&splats.sh[i * from], std::min(from, to), &out.sh[i * to]);
   return out;
+}
+
+double unit_of(const Split& views, const SplatModel& model) {
+  PointCloud centres;
+  for (std::size_t i = 0; i < model.count; ++i)
+    centres.positions.push_back({model.row(0)[i], model.row(1)[i], model.row(2)[i]});
+  return median_depth(cameras_of(views), centres).value_or(kTrainedDepth) / kTrainedDepth;
 }
 
 // Splats stay as many as they are.
@@ -79,9 +87,13 @@ Split Distiller::pictures(double time) {
 
 Distilled Distiller::at(double time, const ImportedSplats& closed_form, double seconds) {
   const Stopwatch watch;
-  const Split train = pictures(time);
-  const SplatModel initial = exact_model(with_degree(closed_form, degree_));
-  const TrainSettings settings = distilling_settings(drawing_, initial);
+  Split train = pictures(time);
+  SplatModel initial = exact_model(with_degree(closed_form, degree_));
+  TrainSettings settings = distilling_settings(drawing_, initial);
+  const double unit = settings.unit = unit_of(train, initial);
+  settings = in_unit(settings);
+  scale_lengths(train, 1 / unit);
+  scale_lengths(initial, 1 / unit);
   if (costs_.empty()) costs_ = measure_steps(*device_, settings, train, initial, initial.count);
   const double left = seconds - watch.seconds();
   const bool enough = expected_seconds(kMinIterations, costs_, settings, train, initial.count) <= left;
@@ -96,7 +108,9 @@ Distilled Distiller::at(double time, const ImportedSplats& closed_form, double s
     if (report.test) out.after = report.test->mean.psnr_channel_mean;
     return true;
   });
-  out.splats = to_imported_splats(trainer.model());
+  SplatModel model = trainer.model();
+  scale_lengths(model, unit);
+  out.splats = to_imported_splats(model);
   out.splats.offset = closed_form.offset;
   out.iterations = trainer.iteration();
   out.seconds = watch.seconds();

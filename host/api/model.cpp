@@ -65,10 +65,13 @@ ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* se
     Dataset rest = without_views(*data->set);
     settle_training(train, rest, values);
     auto created = std::make_unique<ubs_model>();
-    created->loaded.model = initial_model(rest, train, values);
+    divide_by_unit(rest, {}, values.unit);
+    SplatModel initial = initial_model(rest, in_unit(train, values.unit), in_unit(values));
+    scale_lengths(initial, values.unit);
+    created->loaded.model = std::move(initial);
     created->loaded.offset = rest.offset;
-    created->loaded.notes = notes_for(values, train);
-    created->loaded.comments = model_comments(rest, values, train);
+    created->loaded.notes = notes_for(values, cameras_of(train));
+    created->loaded.comments = model_comments(rest, values, cameras_of(train));
     return created;
   });
 }

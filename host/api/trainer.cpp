@@ -18,7 +18,7 @@ struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
   std::shared_ptr<ubs::Dataset> set;
   ubs::TrainSettings settings;
-  ubs::Split test;           // where it is not the data's own
+  ubs::Split train, test;    // in the unit of training
   ubs::LoadedModel about;    // offset of its models
   ubs::Checkpoint identity;  // without state
   std::optional<ubs::Trainer> trainer;
@@ -30,16 +30,14 @@ namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-// The test views with an image: the data's split, or a copy in `own` where some have none.
-const Split& test_views(const Dataset& set, const TrainSettings& settings, Split& own) {
+// The test views with an image.
+Split test_views(const Dataset& set, const TrainSettings& settings) {
   const Split* split = set.find("test");
-  own.name = "test";
-  if (!split) return own;
+  if (!split) return {"test", {}};
   check_query(*split, settings.dim);
-  const auto has_image = [](const View& view) { return view.has_image(); };
-  if (std::ranges::all_of(split->views, has_image)) return *split;
-  std::ranges::copy_if(split->views, std::back_inserter(own.views), has_image);
-  return own;
+  Split test = in_unit(*split, settings.unit);
+  std::erase_if(test.views, [](const View& view) { return !view.has_image(); });
+  return test;
 }
 
 // The data have been read: what would read them otherwise comes too late.
@@ -65,7 +63,7 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
 
 SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Split& train,
                        const TrainSettings& settings) {
-  if (!given_one) return initial_model(rest, train, settings);
+  if (!given_one) return initial_model(rest, train, in_unit(settings));
   const LoadedModel& loaded = given_one->loaded;
   const SplatModel& model = loaded.model.single("training");
   if (loaded.offset != rest.offset)
@@ -74,7 +72,9 @@ SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Sp
     if (!std::isfinite(value))
       fail(ErrorKind::usage, "the initial model contains values that are not finite");
   check_initial(settings, model);  // before kernels are tried with the model
-  return model;
+  SplatModel first = model;
+  scale_lengths(first, 1 / settings.unit);
+  return first;
 }
 
 ubs_step step_of(const ubs_trainer& t) {
@@ -133,15 +133,17 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     const Split& train = train_of(*t.set);
     Dataset rest = without_views(*t.set);
     settle_training(train, rest, t.settings, initial == nullptr);
-    const Split& test = test_views(*t.set, t.settings, t.test);
+    divide_by_unit(rest, {}, t.settings.unit);
+    t.train = in_unit(train, t.settings.unit);
+    t.test = test_views(*t.set, t.settings);
     t.about.offset = rest.offset;
-    const SplatModel first = first_model(initial, rest, train, t.settings);
+    const SplatModel first = first_model(initial, rest, t.train, t.settings);
     const std::lock_guard lock(t.open->mutex);
     Device& opened = *t.open->device;
     prove_device(opened.info(), t.open->index, training_use(t.settings));
     t.identity = identity(t.settings, t.set->report.folder, fingerprint(train), opened);
-    build_kernels(opened, t.settings, train, test, first);
-    t.trainer.emplace(opened, t.settings, train, test, first);
+    build_kernels(opened, t.settings, t.train, t.test, first);
+    t.trainer.emplace(opened, in_unit(t.settings), t.train, t.test, first);
     return created;
   });
 }
@@ -182,12 +184,16 @@ ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) 
     const ubs_trainer& t = given(trainer, "trainer");
     const std::lock_guard lock(t.open->mutex);
     auto made_of = std::make_unique<ubs_model>(ubs_model{t.about});
-    const TrainSettings drawn = t.trainer->drawn_settings();
+    TrainSettings drawn = t.settings;
+    drawn.background = t.trainer->drawn_settings().background;
+    const std::vector<Camera> cameras = cameras_of(train_of(*t.set));
     Dataset place;
     place.offset = t.about.offset;
-    made_of->loaded.notes = notes_for(drawn, train_of(*t.set));
-    made_of->loaded.comments = model_comments(place, drawn, train_of(*t.set));
-    made_of->loaded.model = t.trainer->model();
+    made_of->loaded.notes = notes_for(drawn, cameras);
+    made_of->loaded.comments = model_comments(place, drawn, cameras);
+    SplatModel model = t.trainer->model();
+    scale_lengths(model, t.settings.unit);
+    made_of->loaded.model = std::move(model);
     return made_of;
   });
 }

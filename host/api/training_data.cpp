@@ -149,6 +149,33 @@ void align(Dataset& data, Split& train) {
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
+// Of the scene as the cameras see it: by the points, else by the depths that the data state, else by the cameras
+// alone.
+double typical_depth(const Dataset& data, const Split& train) {
+  const std::vector<Camera> cameras = cameras_of(train);
+  if (const auto depth = data.points ? median_depth(cameras, *data.points) : std::nullopt) return *depth;
+  if (data.depth_bounds.size() == train.views.size()) {
+    std::vector<double> middles;
+    for (const auto& [near, far] : data.depth_bounds) middles.push_back(std::sqrt(near * far));
+    std::ranges::sort(middles);
+    if (const double middle = middles[middles.size() / 2]; middle > 0) return middle;
+  }
+  return initial_space(cameras, false).depth;
+}
+
+void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
+  if (settings.unit != kAuto) {
+    if (settings.unit != 1 && !has_free_unit(settings.variant))
+      fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
+    return;
+  }
+  settings.unit = has_free_unit(settings.variant) ? typical_depth(data, train) / kTrainedDepth : 1;
+  if (!settings.chosen.contains("near_plane")) settings.near_plane *= settings.unit;
+  if (!settings.chosen.contains("far_plane")) settings.far_plane *= settings.unit;
+  if (settings.unit != 1)
+    data.report.notes.push_back(fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
+}
+
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size()
@@ -223,17 +250,18 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
         "all training views have the same time, so N = {} cannot learn motion: use --dim {} for a static "
         "scene",
         settings.dim, settings.dim >= 6 ? 6 : 3);
-  if (scene_extent(train.views) < 1e-9)
+  if (at_one_place(cameras_of(train)))
     warn(
-        "all training cameras have the same position, so the scene extent is 0 and splats will not move: "
-        "check the camera poses");
+        "all training cameras have the same position, so the depth of what they see cannot be learnt: check the "
+        "camera poses");
   if (!has_time(settings.dim) && !still(train))
     warn(
         "the training views have different times, but N = {} has no time dimension, so moving objects will "
         "be blurred: use --dim {}",
         settings.dim, settings.dim == 3 ? 4 : 7);
+  if (begins && still(train)) place_points(data, train, settings);
+  choose_unit(data, train, settings);
   if (!begins) return;
-  if (still(train)) place_points(data, train, settings);
   note_cap(data, settings);
   if (!data.points) describe_start(data, train, settings);
 }
@@ -252,19 +280,26 @@ Split take_test(Dataset& data, const TrainSettings& settings) {
   return test;
 }
 
-ModelNotes notes_for(const TrainSettings& settings, const Split& train) {
+void divide_by_unit(Dataset& data, std::span<Split* const> splits, double unit) {
+  if (unit == 1) return;
+  if (data.points) scale_lengths(*data.points, 1 / unit);
+  for (auto& [near, far] : data.depth_bounds) near /= unit, far /= unit;
+  for (Split* split : splits) scale_lengths(*split, 1 / unit);
+}
+
+ModelNotes notes_for(const TrainSettings& settings, std::span<const Camera> cameras) {
   TrainSettings copy = settings;
   std::vector<std::pair<std::string, std::string>> drawing;
   for (const FieldValue& field : bind_fields(copy, train_fields()))
     if (field.uses & kOfDrawing) drawing.emplace_back(field.key, field_text(field));
-  return make_notes(std::move(drawing), cameras_of(train));
+  return make_notes(std::move(drawing), cameras);
 }
 
 std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
-                                        const Split& train) {
+                                        std::span<const Camera> cameras) {
   std::vector<std::string> comments;
   if (data.offset != std::array<double, 3>{}) comments.push_back(make_offset_comment(data.offset));
-  std::ranges::copy(comments_of(notes_for(settings, train)), std::back_inserter(comments));
+  std::ranges::copy(comments_of(notes_for(settings, cameras)), std::back_inserter(comments));
   return comments;
 }
 

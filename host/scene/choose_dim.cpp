@@ -9,6 +9,7 @@
 #include <set>
 
 #include "host/base/error.hpp"
+#include "host/scene/extent.hpp"
 #include "host/scene/pose.hpp"
 #include "host/scene/splat_model.hpp"
 
@@ -25,15 +26,10 @@ double direction_spread(std::span<const View> views) {
   for (const View& view : views) cameras.push_back(view.camera);
   const std::optional<Vec3> target = nearest_to_axes(cameras, kParallelAxes);
   std::vector<Vec3> directions;
-  bool same_place = true;
-  const Vec3 first = cameras.front().centre();
   for (const Camera& camera : cameras) {
-    const Vec3 c = camera.centre();
-    same_place = same_place && length(c - first) <= 1e-6 * (1 + length(first));
-    if (!target) continue;
-    directions.push_back(normalised(*target - c));
+    if (target) directions.push_back(normalised(*target - camera.centre()));
   }
-  if (same_place) return 0;
+  if (at_one_place(cameras)) return 0;
   if (!target) return 180;  // parallel axes: how far away the scene is, nobody knows
   double least = 1;
   for (std::size_t i = 0; i < directions.size(); ++i)

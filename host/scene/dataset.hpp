@@ -36,6 +36,8 @@ class ImageSource {
  public:
   virtual ~ImageSource() = default;
   virtual Image8 load() const = 0;
+  // The same pixels where they lie in memory for as long as this object lives, else null.
+  virtual const Image8* held() const { return nullptr; }
 };
 
 struct View {

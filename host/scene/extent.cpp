@@ -24,4 +24,15 @@ double scene_extent(std::span<const View> views) {
   return 1.1 * largest;
 }
 
+bool at_one_place(std::span<const Camera> cameras) {
+  constexpr double kRounding = 1e-7;  // of the distance from the origin
+  double spread = 0, distance = 0;
+  for (const Camera& camera : cameras) {
+    const auto c = camera.centre(), first = cameras.front().centre();
+    spread = std::max(spread, std::hypot(c[0] - first[0], c[1] - first[1], c[2] - first[2]));
+    distance = std::max(distance, std::hypot(c[0], c[1], c[2]));
+  }
+  return spread <= kRounding * distance;
+}
+
 }  // namespace ubs

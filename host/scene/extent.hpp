@@ -11,4 +11,7 @@ namespace ubs {
 // 1.1 * the largest distance of a camera from the mean of the cameras; 0 for a single camera.
 double scene_extent(std::span<const View> views);
 
+// Whether all cameras have one position, but for rounding.
+bool at_one_place(std::span<const Camera> cameras);
+
 }  // namespace ubs

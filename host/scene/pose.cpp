@@ -106,12 +106,16 @@ Vec3 camera_axis(const Camera& camera, std::size_t axis) {
 }
 
 // Cramer's rule; the matrix is symmetric, so that rows are columns.
+Vec3 view_direction(const Camera& camera) {
+  return normalised(camera.ray(0.5 * camera.width, 0.5 * camera.height));
+}
+
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least) {
   std::array<Vec3, 3> a{};
   Vec3 b{};
   const double n = static_cast<double>(cameras.size());
   for (const Camera& camera : cameras) {
-    const Vec3 d = camera_axis(camera, 2), o = camera.centre();
+    const Vec3 d = view_direction(camera), o = camera.centre();
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t k = 0; k < 3; ++k) {
         const double entry = ((i == k ? 1.0 : 0.0) - d[i] * d[k]) / n;

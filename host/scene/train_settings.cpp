@@ -18,6 +18,7 @@ constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a 
 constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
 constexpr int kMaxIterations = 10'000'000;  // likewise
 constexpr int kMaxPyramidFactor = 64;
+constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // squares are finite in single precision
 constexpr double kMinAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
 
 template <auto Switch>
@@ -59,9 +60,13 @@ const Field<S> kFields[] = {
          {"init_extent",
           "random initial splats lie in [-init_extent, init_extent]^3; auto: in what the cameras see "
           "(docs/data.md)",
-          &S::init_extent, 1e-6, 1e6, true}),
+          &S::init_extent, kMinLength, kMaxLength, true}),
     used(kSetFirst,
          {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats}),
+    {"unit",
+     "length of the data that counts as 1 in training; auto: a quarter of the median depth of the scene; 1: "
+     "the data's own unit, as published",
+     &S::unit, kMinLength, kMaxLength, true},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
      true},
     {"beta_query_init", "raw initial betas of time and further query values", &S::beta_query_init, -20, 20},
@@ -148,8 +153,10 @@ const Field<S> kFields[] = {
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
 
     used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
-    used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn", &S::near_plane, 1e-6, 1e6}),
-    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, 1e-6, 1e30}),
+    used(kOfDrawing, {"near_plane",
+                      "splats nearer than this are not drawn; training: 0.01 units, where it is not set",
+                      &S::near_plane, kMinLength, kMaxLength}),
+    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, kMinLength, kMaxLength}),
     used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},

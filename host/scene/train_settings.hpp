@@ -54,6 +54,7 @@ struct TrainSettings : ReadSettings {
   int cap_max = 300000;          // most splats; initial points beyond it are thinned out
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
+  double unit = kAuto;           // length of the data that is 1 in training (host/scene/scene_unit.hpp)
   std::uint64_t seed = 42;
 
   // Form of the method (docs/variants.md); recorded in the model file
@@ -90,7 +91,8 @@ struct TrainSettings : ReadSettings {
   double lr_rgb = kAuto, lr_opacity = kAuto, lr_scale = kAuto;
 
   // Rendering
-  double eps2d = 0.3, near_plane = 0.01, far_plane = 1e10;
+  double eps2d = 0.3;
+  double near_plane = 0.01, far_plane = 1e10;  // in the data's unit; a training that sets neither: times unit
   std::string raster = "auto";  // rasteriser: auto (cpu on vectors) | cpu | gpu
   // Folder of cameras that a run has refined, which views of its data are drawn from: not in the table of
   // fields.

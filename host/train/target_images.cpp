@@ -26,8 +26,8 @@ void TargetImages::add(const Split& split) {
   for (const View& view : split.views) {
     if (!view.has_image())
       fail(ErrorKind::data, "view '{}' of split '{}' has no image to compare with", view.name, split.name);
-    if (!view.source) {
-      entries_.push_back({&view.image, 0, {}});
+    if (const Image8* held = view.source ? view.source->held() : &view.image) {
+      entries_.push_back({held, 0, {}});
       continue;
     }
     if (!pool_) pool_ = std::make_unique<ImagePool>(cache_);

@@ -26,6 +26,11 @@ TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, co
   return settings;
 }
 
+// One position gives no length to go by; the unit of training is.
+double extent_of(const Split& train) {
+  return at_one_place(cameras_of(train)) ? 1 : scene_extent(train.views);
+}
+
 // Adds the training time to `seconds`. The time between the last read() and the next go_on() is not counted.
 class TrainingClock {
  public:
@@ -51,7 +56,7 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       ranks_(ranks),
       device_(device),
       initial_(static_cast<std::uint32_t>(initial.count)),
-      schedule_(settings_for(settings, initial, ranks), initial.count, scene_extent(train.views)),
+      schedule_(settings_for(settings, initial, ranks), initial.count, extent_of(train)),
       views_(device, this->settings(), train, test),
       stages_(std::make_unique<TimedStages>(
           device, make_stages(device, training_config(this->settings(), device.info())), time)),

@@ -21,6 +21,7 @@
 #include "host/base/warning.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
+#include "host/scene/scene_unit.hpp"
 #include "host/scene/settings.hpp"
 #include "tools/common/output_files.hpp"
 
@@ -218,7 +219,7 @@ void RunFolder::save_metrics(const Json& json) {
 }
 
 void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& test,
-                             const std::array<double, 3>& offset, bool finished) {
+                             const std::array<double, 3>& offset, double unit, bool finished) {
   if (!trainer.cameras().refines() || !writes_) return;
   std::vector<FittedCamera> refined, held_out;
   if (finished) {
@@ -227,6 +228,11 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
   } else {  // nobody waits for fits
     for (const Camera& camera : trainer.cameras().train()) refined.push_back({camera, {NAN, NAN}});
   }
+  for (std::vector<FittedCamera>* cameras : {&refined, &held_out})
+    for (FittedCamera& fitted : *cameras) {
+      scale_lengths(fitted.camera, unit);
+      fitted.deviation.centre *= unit;
+    }
   const std::array<RunCameras, 2> splits{{{train, refined}, {test, held_out}}};
   write_run_cameras(cameras(), splits, offset);
 }

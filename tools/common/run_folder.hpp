@@ -52,9 +52,9 @@ class RunFolder {
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
   // Of a run that refines cameras; nothing of others. Of one that is not finished those of the training
-  // views, without deviations.
+  // views, without deviations. `unit`: of the training, in the data.
   void save_cameras(Trainer& trainer, const Split& train, const Split& test,
-                    const std::array<double, 3>& offset, bool finished);
+                    const std::array<double, 3>& offset, double unit, bool finished);
   // Names of the files in renders() that save_renders() writes.
   static std::vector<std::string> render_names(const Split& split, int count);
   // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.

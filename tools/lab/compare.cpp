@@ -141,8 +141,11 @@ TrainingResult train_on(Device& device, const CompareOptions& options, TrainSett
   settings.iterations = options.train_iterations;
   Dataset data =
       open_dataset(options.run.opened, options.data, {"train", options.split}, settings, Images::load);
-  const Split train = take_train(data, settings);
-  const Split test = options.split == "train" ? train : take_split(data, options.split);
+  Split train = take_train(data, settings);
+  Split test = options.split == "train" ? Split{} : take_split(data, options.split);
+  divide_by_unit(data, std::array{&train, &test}, settings.unit);
+  if (options.split == "train") test = train;
+  settings = in_unit(settings);
   Trainer trainer(device, settings, train, test, initial_model(data, train, settings));
   TrainingResult result;
   trainer.run([&](const StepReport& report) {
