@@ -102,8 +102,8 @@ void SplatSeries::add(ImportedSplats splats) {
   moments_.push_back(std::move(splats));
 }
 
-const std::vector<float>& SplatSeries::sh(std::size_t moment) const {
-  return moments_[moment].sh.empty() ? moments_.front().sh : moments_[moment].sh;
+const std::vector<float>& SplatSeries::sh(std::span<const ImportedSplats> moments, std::size_t moment) {
+  return moments[moment].sh.empty() ? moments.front().sh : moments[moment].sh;
 }
 
 std::size_t SplatSeries::largest_count() const {

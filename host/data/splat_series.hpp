@@ -35,7 +35,8 @@ class SplatSeries {
   std::size_t size() const { return moments_.size(); }
   std::span<const ImportedSplats> moments() const { return moments_; }
   // Returns the harmonics of a moment, which may be stored at the first one.
-  const std::vector<float>& sh(std::size_t moment) const;
+  static const std::vector<float>& sh(std::span<const ImportedSplats> moments, std::size_t moment);
+  const std::vector<float>& sh(std::size_t moment) const { return sh(moments_, moment); }
   // Returns the largest number of splats of a moment.
   std::size_t largest_count() const;
 

@@ -147,14 +147,11 @@ bool same_in_all(std::span<const ImportedSplats> moments, auto ImportedSplats::*
       moments, [&](const ImportedSplats& splats) { return splats.*values == moments.front().*values; });
 }
 
-}  // namespace
-
-void write_usda_series(const std::filesystem::path& path, const SplatSeries& series) {
-  const std::span<const ImportedSplats> moments = series.moments();
+void write_usd_moments(const std::filesystem::path& path, std::span<const ImportedSplats> moments) {
   const std::size_t n = moments.size();
-  if (series.largest_count() == 0)
+  if (std::ranges::all_of(moments, [](const ImportedSplats& splats) { return splats.count() == 0; }))
     fail(ErrorKind::data, "{}: a USD file needs at least one splat", path.string());
-  for (std::size_t m = 0; m < n; ++m) check_usd_moment(path, moments[m], series.sh(m));
+  for (std::size_t m = 0; m < n; ++m) check_usd_moment(path, moments[m], SplatSeries::sh(moments, m));
   const ImportedSplats& first = moments.front();
   const int degree = std::min(first.sh_degree, 3);
   const std::size_t written = static_cast<std::size_t>((degree + 1) * (degree + 1));
@@ -212,7 +209,8 @@ void write_usda_series(const std::filesystem::path& path, const SplatSeries& ser
       [&](std::size_t m, std::size_t i) {
         const std::size_t coefficient = i % written;
         const float sign = coefficient == 0 ? 1.0f : kHalfTurnSigns[coefficient - 1];
-        const float* const c = &series.sh(m)[(i / written * first.coefficients() + coefficient) * 3];
+        const float* const c =
+            &SplatSeries::sh(moments, m)[(i / written * first.coefficients() + coefficient) * 3];
         return std::array<float, 3>{sign * c[0], sign * c[1], sign * c[2]};
       });
   if (first.offset != std::array<double, 3>{}) {
@@ -225,8 +223,14 @@ void write_usda_series(const std::filesystem::path& path, const SplatSeries& ser
   file.commit();
 }
 
+}  // namespace
+
 void write_usda(const std::filesystem::path& path, const ImportedSplats& splats) {
-  write_usda_series(path, SplatSeries({splats}));
+  write_usd_moments(path, std::span(&splats, 1));
+}
+
+void write_usda_series(const std::filesystem::path& path, const SplatSeries& series) {
+  write_usd_moments(path, series.moments());
 }
 
 std::vector<std::string> usd_remarks(const ImportedSplats& splats) {

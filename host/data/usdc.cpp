@@ -8,6 +8,7 @@
 #include "host/base/child_process.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/temporary_folder.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/splat_series.hpp"
@@ -29,7 +30,7 @@ int exit_code_of(const std::vector<std::string>& arguments, const fs::path& log)
   return result.signal != 0 ? 128 + result.signal : result.code;
 }
 
-// The words of the command that converts a file, without the names of the two files. Empty: there is none.
+// The command that converts a file, without the names of the two files. Empty: there is none.
 struct UsdConverter {
   std::vector<std::string> command;
   bool is_usdcat = false;
@@ -80,37 +81,29 @@ void convert_usd(const UsdConverter& converter, const fs::path& from, const fs::
          code, last_words(log));
 }
 
-}  // namespace
-
-#undef UBS_IMPORT_SDF
-
-void require_usd_converter() { usd_converter("a binary USD file"); }
-
-void write_usdc_series(const fs::path& path, const SplatSeries& series) {
+// `write_text` writes the text form to the path that it gets.
+template <typename WriteText>
+void write_binary_usd(const fs::path& path, const WriteText& write_text) {
   const UsdConverter converter = usd_converter(path.string());
   // The program replaces its target by another file of that name, so it cannot write AtomicFile's.
   const TemporaryFolder temporary;
   const fs::path text = temporary.path() / "splats.usda", binary = temporary.path() / "splats.usdc";
-  write_usda_series(text, series);
+  write_text(text);
   convert_usd(converter, text, binary, path.string());
+  remove_path(text);
   AtomicFile file(path);
   std::size_t left = 0;
   std::ifstream in = open_for_reading(binary, left);
   std::vector<std::byte> block(std::min(left, std::size_t{1} << 22));
-  for (; left > 0; left -= std::min(left, block.size())) {
+  while (left > 0) {
     const auto part = std::span(block).first(std::min(left, block.size()));
     if (!in.read(reinterpret_cast<char*>(part.data()), static_cast<std::streamsize>(part.size())))
       fail(ErrorKind::data, "{}: cannot read", binary.string());
     file.write(part);
+    left -= part.size();
   }
   file.commit();
 }
-
-void write_usdc(const fs::path& path, const ImportedSplats& splats) {
-  write_usdc_series(path, SplatSeries({splats}));
-}
-
-namespace {
 
 ImportedSplats read_usdc_sample(const fs::path& path, std::optional<double> time) {
   const UsdConverter converter = usd_converter(fmt::format("{}: reading a binary USD file", path.string()));
@@ -118,13 +111,25 @@ ImportedSplats read_usdc_sample(const fs::path& path, std::optional<double> time
   // OpenUSD chooses the format by the extension, and a file of ours may have any name.
   const fs::path binary = temporary.path() / "in.usdc", text = temporary.path() / "in.usda";
   std::error_code error;
-  fs::create_symlink(fs::absolute(path), binary, error);
+  fs::create_symlink(absolute_path(path), binary, error);
   if (error) fail(ErrorKind::data, "{}: cannot make a link: {}", binary.string(), error.message());
   convert_usd(converter, binary, text, path.string());
   return parse_usda(read_text_file(text), path.string(), time);
 }
 
 }  // namespace
+
+#undef UBS_IMPORT_SDF
+
+void require_usd_converter() { usd_converter("a binary USD file"); }
+
+void write_usdc(const fs::path& path, const ImportedSplats& splats) {
+  write_binary_usd(path, [&](const fs::path& text) { write_usda(text, splats); });
+}
+
+void write_usdc_series(const fs::path& path, const SplatSeries& series) {
+  write_binary_usd(path, [&](const fs::path& text) { write_usda_series(text, series); });
+}
 
 ImportedSplats read_usdc(const fs::path& path) { return read_usdc_sample(path, {}); }
 ImportedSplats read_usdc_at(const fs::path& path, double time) { return read_usdc_sample(path, time); }
