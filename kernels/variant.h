@@ -63,8 +63,9 @@ enum {  // raw betas that exist: of the spatial kernel, of the query dimensions
   kHasQueryBeta = (UBS_BETA_COND == UBS_BETA_COND_ON) | (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH),
 };
 
-// The spatial kernel ends where the squared distance r reaches this. Gaussian: three standard deviations.
-#define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(9.0) : R(1.0))
+// The spatial kernel ends where the squared distance r reaches this. Gaussian: 3.33 standard deviations, where an
+// opaque splat's alpha is below 1/255 (2 ln 255 = 11.083), so that alpha alone decides where a Gaussian ends.
+#define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(11.0889) : R(1.0))
 #if UBS_FALLOFF > UBS_FALLOFF_GAUSSIAN
 #error "UBS_FALLOFF: no such kernel"  // rather than one of the two, drawn without a word
 #endif

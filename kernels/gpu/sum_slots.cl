@@ -18,6 +18,7 @@ enum {
 UBS_FN float sum_of_value(uint first, uint count, uint step, uint value, UBS_SLOTS(UBS_GLOBAL const float*),
                           UBS_GLOBAL const ushort* masks) {
   float sum = 0.0f;
+  if (value >= kCardSlotStride) return sum;
   for (uint k = 0; k < count; k += step) {
     uint slot = first + k;
     if (masks[slot] != 0) sum += UBS_SLOT_PIECE(slot)[(ulong)UBS_SLOT_IN_PIECE(slot) * kCardSlotStride + value];
@@ -33,14 +34,14 @@ UBS_KERNEL UBS_GROUP(UBS_SUM_GROUP_GPU) void sum_slots_scalar(
   const uint teams = UBS_SUM_GROUP_GPU / kGradStride;
   uint team = (uint)ubs_local_id() / kGradStride, value = (uint)ubs_local_id() % kGradStride;
   uint first_splat = ubs_group_id() * teams, mine = first_splat + team;
-  uint tiles = mine < count ? tile_counts[mine] : 0, reads = value < kCardSlotStride;
+  uint tiles = mine < count ? tile_counts[mine] : 0;
   if (ubs_local_id() == 0) any_wide = 0;
   UBS_BARRIER();
   if (tiles > kWideSplat) {
     if (value == 0) ubs_atomic_or(&any_wide, 1u);
   } else if (mine < count) {
     v_records[(ulong)mine * kGradStride + value] =
-        sum_of_value(tiles > 0 ? slot_offsets[mine] : 0, tiles * reads, 1, value, UBS_SLOT_ARGUMENTS, masks);
+        sum_of_value(tiles > 0 ? slot_offsets[mine] : 0, tiles, 1, value, UBS_SLOT_ARGUMENTS, masks);
   }
   UBS_BARRIER();
   if (any_wide == 0) return;
@@ -48,7 +49,7 @@ UBS_KERNEL UBS_GROUP(UBS_SUM_GROUP_GPU) void sum_slots_scalar(
   for (uint splat = first_splat; splat < end; ++splat) {
     if (tile_counts[splat] <= kWideSplat) continue;  // the same for the whole group
     for (uint part = team; part < kSumParts; part += teams)
-      parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, (tile_counts[splat] - part) * reads,
+      parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, tile_counts[splat] - part,
                                                        kSumParts, value, UBS_SLOT_ARGUMENTS, masks);
     UBS_BARRIER();
     if (team == 0) {

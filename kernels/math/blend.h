@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One splat at one pixel: spatial kernel, alpha, front-to-back compositing, and its gradient
 // (method.md 2.6, 3.1). Used by every rasteriser; lanes are pixels. d = splat mean - pixel centre.
-// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) on r < 9 where alpha >= 1/255; with
+// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) where alpha >= 1/255; with
 // UBS_ALPHA_MIN only where alpha exceeds it. UBS_NO_V_SHAPE, _OPACITY, _BETA, _COLOUR: nobody asks for the gradient
 // of mean and conic, of the opacity, ...; its sums stay zero.
 #pragma once
@@ -19,7 +19,7 @@ typedef struct {
   vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
-  vmask inside;    // r < 1 (Gaussian: r < 9 and alpha >= 1/255) and alpha > UBS_ALPHA_MIN, where there is one
+  vmask inside;    // r < 1 (Gaussian: alpha >= 1/255) and alpha > UBS_ALPHA_MIN, where there is one
   vmask passes;    // inside, and alpha is below its maximum: a gradient passes
 } BlendAlpha;
 

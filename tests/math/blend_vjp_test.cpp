@@ -116,7 +116,7 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
 }
 
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-TEST_CASE("the Gaussian kernel ends at three deviations and at 1/255", "[math][variants]") {
+TEST_CASE("the Gaussian kernel ends where alpha is 1/255", "[math][variants]") {
   const Splat s{0, 0, 1, 0, 1, 0.8, 0, 1, 1, 1};
   const auto alpha = [&](double distance, double opacity) {
     Splat moved = s;
@@ -125,7 +125,11 @@ TEST_CASE("the Gaussian kernel ends at three deviations and at 1/255", "[math][v
   };
   CHECK(alpha(1, 0.8) == Approx(0.8 * std::exp(-0.5)));
   CHECK(alpha(2.99, 0.8) == Approx(0.8 * std::exp(-0.5 * 2.99 * 2.99)));
-  CHECK(alpha(3.01, 0.8) == 0);
+  // 3.329 deviations are where 1/255 of an opaque Gaussian is left, whose alpha is at most 0.99.
+  CHECK(alpha(3.32, 1) == Approx(std::exp(-0.5 * 3.32 * 3.32)));
+  CHECK(alpha(3.33, 1) == 0);
+  CHECK(alpha(3.25, 0.8) == Approx(0.8 * std::exp(-0.5 * 3.25 * 3.25)));
+  CHECK(alpha(3.27, 0.8) == 0);
   CHECK(alpha(0, 1.001 / 255) > 0);
   CHECK(alpha(0, 0.999 / 255) == 0);
   CHECK(alpha(0, 0.995) == Approx(0.99));

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // 3D Gaussian splatting in double precision, straight from its published definition and the columns of its
 // files: nothing of the method's own formulas, kernels or readers is used. Brute force: every splat at every
-// pixel. Two rules are the variant's (docs/variants.md): a splat ends at three standard deviations, and the
-// near plane is an argument.
+// pixel. A splat ends where its alpha is below 1/255. The near plane is an argument.
 #pragma once
 
 #include <algorithm>
@@ -124,9 +123,8 @@ inline GaussianImage render_gaussians(const std::vector<FileGaussian>& gaussians
       const double dx = px - f.x, dy = py - f.y;
       const double square = f.a * dx * dx + 2 * f.b * dx * dy + f.c * dy * dy;
       const double alpha = std::min(0.99, f.opacity * std::exp(-square / 2));
-      near(square, 9);
-      if (square < 9) near(alpha, 1.0 / 255);
-      if (square >= 9 || alpha < 1.0 / 255) continue;
+      near(alpha, 1.0 / 255);
+      if (alpha < 1.0 / 255) continue;
       near(light * (1 - alpha), 1e-4);
       if (light * (1 - alpha) < 1e-4) break;
       for (std::size_t c = 0; c < 3; ++c) out.rgb[3 * i + c] += light * alpha * f.colour[c];

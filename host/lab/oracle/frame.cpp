@@ -39,7 +39,7 @@ Frame::Frame(const Model& model, const Camera& camera, const Options& options)
 
 // Front to back by the depth as a float, ties by index, so that equal keys agree with a float sort.
 Frame::Frame(const std::vector<Footprint<double>>& all, const Options& options) {
-  const double support = options.variant.kernel == SpatialKernel::gaussian ? 9 : 1;
+  const double end = support(options.variant.kernel);
   std::vector<std::pair<float, std::size_t>> order;
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (all[i].visible) {
@@ -53,8 +53,8 @@ Frame::Frame(const std::vector<Footprint<double>>& all, const Options& options) 
   for (const auto& [depth, i] : order) {
     splats.push_back(i);
     footprints.push_back(all[i]);
-    half_width.push_back(kRoom * std::sqrt(support * all[i].cov[0]) + kRoomPx);
-    half_height.push_back(kRoom * std::sqrt(support * all[i].cov[2]) + kRoomPx);
+    half_width.push_back(kRoom * std::sqrt(end * all[i].cov[0]) + kRoomPx);
+    half_height.push_back(kRoom * std::sqrt(end * all[i].cov[2]) + kRoomPx);
   }
 }
 

@@ -89,7 +89,7 @@ void store(const Splat& splat, std::size_t index, SplatModel& model) {
   if (!gaussian) values.push_back(splat.beta[0]);
   if (betas) values.insert(values.end(), splat.beta.begin() + 1, splat.beta.end());
   values.insert(values.end(), splat.mean.begin(), splat.mean.end());
-  // A Gaussian reaches to three deviations: about the same footprint.
+  // A third of the scale as the deviation gives a Gaussian about the footprint of the Beta kernel.
   for (std::size_t i = 0; i < splat.scale.size(); ++i)
     values.push_back(inverse_softplus(gaussian && i < 3 ? splat.scale[i] / 3 : splat.scale[i]));
   put_rotation(splat, variant, random, values);

@@ -595,10 +595,14 @@ S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialK
   return value(alpha) > most ? S(most) : alpha;
 }
 
-// Whether the splat has a part at a point: r < 1, or r < 9 and alpha >= 1/255.
+// Whether the splat has a part at a point: r < 1, or alpha >= 1/255.
 inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
-  if (kernel == SpatialKernel::beta) return r < 1;
-  return r < 9 && splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
+  return kernel == SpatialKernel::beta ? r < 1 : splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
+}
+
+// r at the end of the widest splat: 1, or where an opaque Gaussian's alpha is 1/255.
+inline double support(SpatialKernel kernel) {
+  return kernel == SpatialKernel::beta ? 1 : -2 * std::log(kMinAlphaGaussian);
 }
 
 }  // namespace ubs::oracle

@@ -145,10 +145,7 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
 
 // Whether r is within rounding of the end of the support and alpha or its slope matters there.
 bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) {
-  if (kernel == SpatialKernel::gaussian) {
-    if (std::abs(m.r - 9) < m.r_rounding && f.opacity * std::exp(-4.5) > kMinAlphaGaussian / 2) return true;
-    return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
-  }
+  if (kernel == SpatialKernel::gaussian) return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
   const double width = m.r_rounding + kRimWidth;
   if (!(std::abs(m.r - 1) < width)) return false;
   const double inside = f.opacity * std::pow(2 * width, f.beta);
@@ -268,7 +265,6 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
             const Options& options, const StudyOptions& how) {
   const Frame frame(model, camera, options);
   const Rows rows(model.dim, options.variant);
-  const double support = options.variant.kernel == SpatialKernel::gaussian ? 9 : 1;
   Study result;
   result.image = render(model, camera, options);
   result.drawn = frame.splats.size();
@@ -279,7 +275,7 @@ Study study(const Model& model, const Camera& camera, const std::vector<double>&
   std::vector<Rounding> rounding;
   std::vector<Box> boxes;
   const auto doubt = [&](const Footprint<double>& f) {
-    boxes.push_back(box_of(f, support));
+    boxes.push_back(box_of(f, support(options.variant.kernel)));
     ++result.undecided_splats;
   };
   for (std::size_t k = 0; k < frame.splats.size(); ++k) {

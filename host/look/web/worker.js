@@ -439,7 +439,7 @@ function project(model, camera, chosen, records, depths) {
   const marginX = 0.15 * width / fx, marginY = 0.15 * height / fy;
   const right = (width - cx) / fx + marginX, left = -cx / fx - marginX;
   const bottom = (height - cy) / fy + marginY, top = -cy / fy - marginY;
-  const gaussian = s.kernel === 'gaussian', support = gaussian ? 9 : 1;
+  const gaussian = s.kernel === 'gaussian', support = gaussian ? 3.33 ** 2 : 1;  // UBS_SUPPORT
   const leastAlpha = gaussian ? Math.max(1 / 255, alphaMin) : alphaMin;
   const direct = s.conditioning === 'direct', tanh = s.beta_opacity === 'tanh', antialias = s.antialias === 'on';
   const x = new Float64Array(8);
@@ -507,7 +507,7 @@ function project(model, camera, chosen, records, depths) {
       const beta = f[p + 4];
       let reach = support;
       if (gaussian)
-        reach = Math.min(9, 2 * Math.log(opacity / leastAlpha));
+        reach = Math.min(support, 2 * Math.log(opacity / leastAlpha));
       else if (leastAlpha > 0)
         reach = 1 - Math.pow(leastAlpha / opacity, 1 / beta);
       const o = drawn * RECORD, l00 = Math.sqrt(CC / det);
