@@ -77,8 +77,8 @@ std::string describe(const FileImage& image) {
                       image.width, image.height);
   if (const auto& u = image.undistortion) {
     const Lens& l = u->lens;
-    text += fmt::format("|{}|{},{},{},{}|{}|{}x{}|{},{}", static_cast<int>(l.model), l.fx, l.fy, l.cx, l.cy,
-                        fmt::join(l.k, ","), u->width, u->height, u->cx, u->cy);
+    text += fmt::format("|{}|{},{},{},{}|{}|{}x{}|{},{}", l.formula ? l.formula->coefficients : "pinhole",
+                        l.fx, l.fy, l.cx, l.cy, fmt::join(l.k, ","), u->width, u->height, u->cx, u->cy);
   }
   return text;
 }

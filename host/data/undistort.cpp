@@ -15,9 +15,10 @@ Image8 undistort(const Image8& image, const Undistortion& plan) {
   cv::Mat map_x(plan.height, plan.width, CV_32F), map_y(plan.height, plan.width, CV_32F);
   for (int j = 0; j < plan.height; ++j)
     for (int i = 0; i < plan.width; ++i) {
-      const auto d = distort(lens, (i + 0.5 - plan.cx) / lens.fx, (j + 0.5 - plan.cy) / lens.fy);
-      map_x.ptr<float>(j)[i] = static_cast<float>(lens.fx * d[0] + lens.cx - 0.5);
-      map_y.ptr<float>(j)[i] = static_cast<float>(lens.fy * d[1] + lens.cy - 0.5);
+      const Ray ray{(i + 0.5 - plan.cx) / lens.fx, (j + 0.5 - plan.cy) / lens.fy, 1};
+      const PlanePoint p = project_ray(lens, ray).value_or(PlanePoint{-1, -1});
+      map_x.ptr<float>(j)[i] = static_cast<float>(p[0] - 0.5);
+      map_y.ptr<float>(j)[i] = static_cast<float>(p[1] - 0.5);
     }
   const cv::Mat source(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
   Image8 result{plan.width, plan.height, {}};

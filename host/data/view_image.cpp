@@ -29,10 +29,11 @@ double percent_left_out(const Undistortion& plan) {
   for (int j = 0; j < kGrid; ++j)
     for (int i = 0; i < kGrid; ++i) {
       const double u = (i + 0.5) * lens.width / kGrid, v = (j + 0.5) * lens.height / kGrid;
-      double x = 0, y = 0;
-      const bool seen = undistort_point(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, x, y);
-      const double column = x * lens.fx + plan.cx, row = y * lens.fy + plan.cy;
-      outside += !(seen && column >= 0 && column <= plan.width && row >= 0 && row <= plan.height);
+      const auto ray = pixel_ray(lens, u, v);
+      const bool front = ray && (*ray)[2] > 0;
+      const double column = front ? (*ray)[0] / (*ray)[2] * lens.fx + plan.cx : -1;
+      const double row = front ? (*ray)[1] / (*ray)[2] * lens.fy + plan.cy : -1;
+      outside += !(column >= 0 && column <= plan.width && row >= 0 && row <= plan.height);
     }
   return 100.0 * outside / (kGrid * kGrid);
 }
