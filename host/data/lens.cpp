@@ -14,11 +14,6 @@
 namespace ubs {
 namespace {
 
-// Half size of the ideal image in multiples of the distorted one: a fisheye of 180 degrees would need an
-// infinite plane, and its border holds no detail worth the pixels.
-constexpr double kMaxGrowth = 2.0;
-constexpr int kBorderSamples = 64;
-
 using Distort = PlanePoint (*)(const LensCoefficients& k, const PlanePoint& p);
 
 // Solves distort(k, p) = target by Newton's method with a numerical Jacobian; a step is halved while it does
@@ -206,7 +201,7 @@ constexpr LensFormula kRadTanThinPrism{"k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3",
 constexpr LensFormula kFov{"omega", project_fov, unproject_fov, 1};
 constexpr LensFormula kDivision{"k", project_division, unproject_division, 1};
 constexpr LensFormula kEucm{"alpha beta", project_eucm, unproject_eucm, 1};
-constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1};
+constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1, true};
 
 // A new model needs a row, and a formula above unless it shares one. nerfstudio reads k1 k2 p1 p2 k3 for all
 // of its perspective cameras, and k1 to k4 for all of its fisheyes.
@@ -232,29 +227,6 @@ constexpr LensModel kModels[] = {
     {16, "EUCM", "", "fx fy cx cy alpha beta", "", &kEucm},
     {17, "EQUIRECTANGULAR", "", "w h", "", &kEquirectangular},
 };
-
-// The ideal coordinate of a pixel position of the distorted image; the nearest limit where there is none.
-std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
-                                     const std::array<double, 4>& limits) {
-  double x = u < lens.cx ? limits[0] : limits[1], y = v < lens.cy ? limits[2] : limits[3];
-  if (const auto ray = pixel_ray(lens, u, v); ray && (*ray)[2] > 1e-9)
-    x = (*ray)[0] / (*ray)[2], y = (*ray)[1] / (*ray)[2];
-  return {std::clamp(x, limits[0], limits[1]), std::clamp(y, limits[2], limits[3])};
-}
-
-// left, right, top, bottom of the inner rectangle.
-std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double, 4>& limits) {
-  std::array<double, 4> r = limits;
-  for (int i = 0; i <= kBorderSamples; ++i) {
-    const double u = static_cast<double>(lens.width) * i / kBorderSamples;
-    const double v = static_cast<double>(lens.height) * i / kBorderSamples;
-    r[0] = std::max(r[0], ideal_position(lens, 0, v, limits)[0]);
-    r[1] = std::min(r[1], ideal_position(lens, lens.width, v, limits)[0]);
-    r[2] = std::max(r[2], ideal_position(lens, u, 0, limits)[1]);
-    r[3] = std::min(r[3], ideal_position(lens, u, lens.height, limits)[1]);
-  }
-  return r;
-}
 
 }  // namespace
 
@@ -337,25 +309,6 @@ std::optional<Ray> pixel_ray(const Lens& lens, double column, double row) {
   const PlanePoint p{(column - lens.cx) / lens.fx, (row - lens.cy) / lens.fy};
   if (!lens.formula) return Ray{p[0], p[1], 1};
   return lens.formula->unproject(lens.k, p);
-}
-
-Undistortion plan_undistortion(const Lens& lens, const std::string& where) {
-  const std::array<double, 4> limits{-kMaxGrowth * std::max(lens.cx, 1.0) / lens.fx,
-                                     kMaxGrowth * std::max(lens.width - lens.cx, 1.0) / lens.fx,
-                                     -kMaxGrowth * std::max(lens.cy, 1.0) / lens.fy,
-                                     kMaxGrowth * std::max(lens.height - lens.cy, 1.0) / lens.fy};
-  const std::array<double, 4> r = inner_rectangle(lens, limits);
-  Undistortion plan;
-  plan.lens = lens;
-  const double width = std::floor((r[1] - r[0]) * lens.fx + 1e-6),
-               height = std::floor((r[3] - r[2]) * lens.fy + 1e-6);
-  if (!(width >= 1 && height >= 1) || !(width < 65536 && height < 65536))
-    fail(ErrorKind::data, "{}: the distortion parameters leave no usable image", where);
-  plan.width = static_cast<int>(width);
-  plan.height = static_cast<int>(height);
-  plan.cx = -r[0] * lens.fx;
-  plan.cy = -r[2] * lens.fy;
-  return plan;
 }
 
 }  // namespace ubs

@@ -11,8 +11,6 @@
 #include <string_view>
 #include <vector>
 
-#include "host/scene/dataset.hpp"
-
 namespace ubs {
 
 using Ray = std::array<double, 3>;         // a direction in camera axes of COLMAP: x right, y down, z forward
@@ -27,7 +25,8 @@ struct LensFormula {
   // nullopt: the lens maps no position to this ray, or the formula is not defined for it.
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  int zero_for_pinhole;  // the lens is a pinhole camera where so many first coefficients are 0; -1: never
+  int zero_for_pinhole;         // a pinhole camera where so many first coefficients are 0; -1: never
+  bool all_directions = false;  // the image shows every direction, and its left and right borders meet
 };
 
 // LensModel is a row of the table of camera models.
@@ -68,18 +67,5 @@ std::optional<PlanePoint> project_ray(const Lens& lens, const Ray& ray);
 // Returns the ray, of any length, that a pixel position sees. nullopt where no ray was found: outside of the
 // image circle, or where the polynomial of the lens folds.
 std::optional<Ray> pixel_ray(const Lens& lens, double column, double row);
-
-// The largest upright rectangle of the ideal image all of whose pixels the lens has seen.
-struct Undistortion {
-  Lens lens;
-  int width = 0, height = 0;  // of the ideal image; same fx, fy
-  double cx = 0, cy = 0;
-};
-
-// `where` starts the message when the parameters leave no usable rectangle.
-Undistortion plan_undistortion(const Lens& lens, const std::string& where);
-
-// Bicubic resampling (OpenCV remap); `image` must have the size of the lens.
-Image8 undistort(const Image8& image, const Undistortion& plan);
 
 }  // namespace ubs

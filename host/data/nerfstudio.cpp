@@ -190,6 +190,8 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
          json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
   LoadedScene scene;
   std::vector<NamedView> named;
+  std::vector<View> unique;
+  std::vector<std::size_t> counts;  // of views of each frame
   std::size_t masks = 0;
   double low = 0, high = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -215,13 +217,14 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     if (!size)
       fail(ErrorKind::data, "{}: the image {}, and the JSON has no 'w' and 'h'", frame.where,
            files.missing(folder, image_of(frame)));
-    attach_image(n.view, read_lens(frame, file, *size), image, mask, options, scene.report);
-    check_camera(n.view.camera, frame.where);
-    named.push_back(std::move(n));
+    counts.push_back(
+        append_views(unique, n.view, read_lens(frame, file, *size), image, mask, options, scene.report));
+    for (std::size_t k = unique.size() - counts.back(); k < unique.size(); ++k) {
+      check_camera(unique[k].camera, frame.where);
+      named.push_back(n);
+    }
   }
-  std::vector<View> unique;
-  for (NamedView& n : named) unique.push_back(std::move(n.view));
-  settle_view_names(unique);
+  settle_picture_names(unique, counts);
   for (std::size_t i = 0; i < named.size(); ++i) {
     named[i].view = std::move(unique[i]);
     double& time = named[i].view.camera.time;

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Camera models against pycolmap, OpenCV and themselves, and the undistorted image against the ideal one.
-#include "host/data/lens.hpp"
-
 #include <algorithm>
 #include <cstdlib>
 #include <opencv2/calib3d.hpp>
@@ -9,6 +7,7 @@
 #include <sstream>
 
 #include "host/data/colmap.hpp"
+#include "host/data/undistort.hpp"
 #include "tests/support/images.hpp"
 
 using namespace ubs;
@@ -182,6 +181,79 @@ TEST_CASE("lens: the undistorted image is what an ideal camera sees", "[lens]") 
     // 8-bit rounding twice and bicubic interpolation; half a pixel of misplacement would give 8 and more.
     CHECK(worst < 3.0);
   }
+}
+
+// Faces of wide images of a known function of the ray must give that function back, in the world directions
+// of their cameras, and mask what the image does not show. All pixels of the image lie in a face.
+TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
+  const auto colour = [](const Ray& r) {
+    const double n = std::hypot(r[0], r[1], r[2]);
+    return 127 + 60 * std::sin(5 * r[0] / n) * std::cos(4 * r[1] / n) + 50 * std::sin(3 * r[2] / n + 1);
+  };
+  struct Case {
+    Lens lens;
+    std::size_t faces;
+    int front_size;
+    bool masked;
+  };
+  const double pi = std::acos(-1.0);
+  const Case cases[] = {
+      {lens_of("EQUIRECTANGULAR", {400, 200}, 400, 200), 6, 127, false},
+      {lens_of("OPENCV_FISHEYE", {60, 60, 130, 115, 0.01, -0.002, 0, 0}, 250, 240), 6, 120, true},
+      {lens_of("FISHEYE", {100, 100, 158, 40}, 316, 80), 3, 200, true},  // 181 degrees across, 46 down
+      {lens_of("DIVISION", {90, 90, 150, 150, -0.3}, 300, 300), 5, 180, true}};
+  for (const auto& [lens, faces, front_size, masked] : cases) {
+    INFO(lens.width << "x" << lens.height);
+    Image8 seen{lens.width, lens.height, {}};
+    for (int j = 0; j < lens.height; ++j)
+      for (int i = 0; i < lens.width; ++i) {
+        const auto ray = pixel_ray(lens, i + 0.5, j + 0.5);
+        seen.rgb.insert(seen.rgb.end(), 3, static_cast<std::uint8_t>(ray ? colour(*ray) + 0.5 : 0));
+      }
+    const std::vector<Undistortion> plans = plan_views(lens, "test");
+    CHECK(plans.size() == faces);
+    CHECK(plans[0].face == "front");
+    CHECK(plans[0].width == front_size);
+    CHECK(percent_left_out(plans) < 0.7);
+    std::set<std::string> names;
+    double worst = 0;
+    bool some_masked = false;
+    for (const Undistortion& plan : plans) {
+      names.insert(plan.face);
+      const Camera camera = camera_of(plan, Camera{});
+      const Image8 face = undistort(seen, plan);
+      REQUIRE(face.width == camera.width);
+      std::size_t covered = 0;
+      for (int j = 0; j < face.height; ++j)
+        for (int i = 0; i < face.width; ++i) {
+          const Ray ray = camera.ray(i + 0.5, j + 0.5);  // in the world, which is the camera of the image
+          const auto p = project_ray(lens, ray);
+          if (!covers(plan, i + 0.5, j + 0.5)) {
+            some_masked = true;
+            continue;
+          }
+          ++covered;
+          REQUIRE(p);
+          const bool rim =
+              (*p)[0] < 2 || (*p)[1] < 2 || (*p)[0] > lens.width - 2 || (*p)[1] > lens.height - 2;
+          if (rim && lens.formula->coefficients != "") continue;
+          const double value =
+              face.rgb[3 * (static_cast<std::size_t>(j) * static_cast<std::size_t>(face.width) +
+                            static_cast<std::size_t>(i))];
+          worst = std::max(worst, std::abs(value - colour(ray)));
+        }
+      CHECK(covered > 100);
+      CHECK(plan.whole <=
+            (covered == static_cast<std::size_t>(face.width) * static_cast<std::size_t>(face.height)));
+    }
+    CHECK(names.size() == plans.size());
+    CHECK(some_masked == masked);
+    // 8-bit rounding twice and bicubic interpolation; half a pixel of misplacement gives 3 and more.
+    CHECK(worst < 2.5);
+  }
+  CHECK(degrees_covered(cases[0].lens) == 360);
+  CHECK(degrees_covered(cases[2].lens) == Approx(2 * 1.58 * 180 / pi));
+  CHECK(degrees_covered(full_opencv()) < 110);
 }
 
 TEST_CASE("lens: no distortion, no plan", "[lens]") {

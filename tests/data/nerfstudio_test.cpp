@@ -8,6 +8,7 @@
 #include "host/data/colmap.hpp"
 #include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/undistort.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "tests/support/data.hpp"
@@ -172,8 +173,11 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
       CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{lens.fx, lens.cx, lens.cy});
       continue;
     }
-    const Undistortion plan = plan_undistortion(lens, "test");
-    CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{lens.fx, plan.cx, plan.cy});
+    const std::vector<Undistortion> plans = plan_views(lens, "test");
+    const Undistortion& plan = plans.size() == 6 ? plans[2] : plans[0];  // by name "back" is the first
+    CHECK(data.splits[0].views.size() == 3 * plans.size());
+    CHECK(data.splits[0].views[0].picture == (plans.size() == 6 ? "f1" : ""));
+    CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{plan.fx, plan.cx, plan.cy});
     CHECK(std::array{camera.width, camera.height} == std::array{plan.width, plan.height});
   }
 }
