@@ -267,8 +267,8 @@ std::vector<std::string> seed_colmap_text() {
 }
 std::vector<std::string> seed_colmap_binary() {
   std::vector<std::string> seeds;
-  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16};
-  for (int model = 0; model < 12; ++model) {
+  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2};
+  for (int model = 0; model < 18; ++model) {
     std::string cameras, images, points;
     add<std::uint64_t>(cameras, 1), add<std::uint32_t>(cameras, 1), add<std::int32_t>(cameras, model);
     add<std::uint64_t>(cameras, 64), add<std::uint64_t>(cameras, 48);
