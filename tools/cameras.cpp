@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs cameras: has COLMAP find the cameras of a folder of photographs, on the CPU. What it has done stays in
 // the folder `colmap` beside them, so that the same command goes on after an interruption.
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cstdlib>
 #include <memory>
 #include <optional>
 #include <regex>
@@ -71,20 +68,6 @@ Places places_of(const std::string& given) {
     fail(ErrorKind::usage, "{}: cameras exist already ({}): train with 'ubs train {}'", given, model.string(),
          shell_word(p.data.string()));
   return p;
-}
-
-// Empty where there is none.
-fs::path find_program(const std::string& name) {
-  if (name.find('/') != std::string::npos) return path_exists(name) ? fs::path(name) : fs::path();
-  const char* path = std::getenv("PATH");
-  std::string_view rest = path ? path : "";
-  while (!rest.empty()) {
-    const std::string_view folder = rest.substr(0, rest.find(':'));
-    rest.remove_prefix(std::min(rest.size(), folder.size() + 1));
-    const fs::path file = fs::path(folder) / name;
-    if (!folder.empty() && is_regular(file) && access(file.c_str(), X_OK) == 0) return file;
-  }
-  return {};
 }
 
 struct Step {

@@ -17,6 +17,7 @@
 #include "host/data/ply.hpp"
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/data/splat_series.hpp"
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
@@ -31,7 +32,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
-constexpr int kMaxSeries = 1000;            // files of moments
+constexpr int kMaxSeries = 1000;            // moments
 
 struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()) {}
@@ -84,15 +85,16 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
   return places;
 }
 
-// The file of a moment of a series: its number goes before the extension.
-std::string file_of(const ConvertOptions& options, int moment) {
-  if (options.series == 0) return options.to;
+// The file of a moment of a series: its number goes before the extension. Formats that store several moments
+// have one file for all.
+std::string file_of(const ConvertOptions& options, const SplatFormat& format, int moment) {
+  if (options.series == 0 || format.write_series) return options.to;
   const fs::path to = options.to;
   return (to.parent_path() / fmt::format("{}-{:03}{}", to.stem().string(), moment, to.extension().string()))
       .string();
 }
 
-void report(const ConvertOptions& options, const Json& json) {
+void report(const ConvertOptions& options, const SplatFormat& format, const Json& json) {
   if (options.json) return print_json(json);
   for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
   if (json.contains("psnr_before"))
@@ -102,8 +104,11 @@ void report(const ConvertOptions& options, const Json& json) {
   if (json.contains("psnr"))
     say("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
         json["eps2d"].get<double>());
-  say("{} splats in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(),
-      options.series > 0 ? file_of(options, 0) + " ..." : options.to, json["to"].get<std::string>(),
+  const std::string first = file_of(options, format, 0);
+  const std::string moments =
+      json.contains("moments") ? fmt::format(" at {} moments", json["moments"].get<std::size_t>()) : "";
+  say("{} splats{} in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), moments,
+      first != options.to ? first + " ..." : first, json["to"].get<std::string>(),
       json["bytes"].get<double>() / (1 << 20));
 }
 
@@ -114,6 +119,21 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
   if (!std::ranges::all_of(model.groups, is_gaussian_model))
     reduction.viewpoints = viewpoints(options, offset, settings);
   return reduction;
+}
+
+// Writes the moments of a series into one file. Splats of moments that were distilled do not belong together.
+void write_moments(const ConvertOptions& options, const SplatFormat& format, SplatSeries series,
+                   float least_opacity, std::vector<std::string>& remarks, Json& json) {
+  if (!options.distill.empty() || !series.finish(least_opacity)) {
+    series.keep_apart();
+    remarks.emplace_back(
+        "the splats of different moments do not belong together: programs show each moment until the next");
+  }
+  for (std::string& remark : format_remarks(format, series.moments().front()))
+    remarks.push_back(std::move(remark));
+  format.write_series(options.to, series);
+  json["splats"] = series.largest_count();
+  json["moments"] = series.size();
 }
 
 // Several moments of a dynamic model, or one; distilled where that was asked for.
@@ -134,6 +154,17 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   }
   std::vector<std::string> remarks = loaded.remarks;
   Json json = Json::object();
+  SplatSeries series;
+  const bool one_file = options.series > 0 && format.write_series;
+  const float least_opacity = reduce.least_opacity;
+  if (one_file) {
+    // Splats that are invisible at some moments stay until all moments are known.
+    if (!distiller) reduce.least_opacity = 0;
+    remarks.push_back(
+        fmt::format("{} moments from time 0 to 1, opacity over directions: {}", moments, options.opacity));
+  } else if (format.write_series && model.has_time()) {
+    remarks.emplace_back("the model moves, and the file has one moment: --series K stores K moments");
+  }
   for (int moment = 0; moment < moments; ++moment) {
     if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
     std::vector<std::string> said;
@@ -152,11 +183,19 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
                                    {"psnr_before", distilled.before},
                                    {"psnr_after", distilled.after}});
     }
+    if (one_file) {
+      series.add(std::move(splats));
+      for (std::string& remark : said)
+        if (!remark.starts_with("time ") && std::ranges::find(remarks, remark) == remarks.end())
+          remarks.push_back(std::move(remark));
+      continue;
+    }
     for (std::string& remark : format_remarks(format, splats)) said.push_back(std::move(remark));
-    write_foreign_splats(format, file_of(options, moment), splats);
+    write_foreign_splats(format, file_of(options, format, moment), splats);
     json["splats"] = json.value("splats", std::size_t{0}) + splats.count();
     remarks.insert(remarks.end(), said.begin(), said.end());
   }
+  if (one_file) write_moments(options, format, std::move(series), least_opacity, remarks, json);
   json["remarks"] = remarks;
   return json;
 }
@@ -220,14 +259,16 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
 
 Json import_model(const ConvertOptions& options, const SplatFormat& format) {
   const TrainSettings settings = options.settings.resolve();
+  std::optional<double> time;
+  if (options.time_option->count() > 0) time = options.time;
   if (!format.ours()) {
-    const ImportedSplats splats = read_foreign_splats(options.from);
+    const ImportedSplats splats = read_foreign_splats(options.from, time);
     write_foreign_splats(format, options.to, splats);
     std::vector<std::string> remarks = read_remarks(splats);
     for (std::string& remark : format_remarks(format, splats)) remarks.push_back(std::move(remark));
     return {{"splats", splats.count()}, {"remarks", remarks}};
   }
-  const LoadedModel loaded = load_splat_model(options.from);
+  const LoadedModel loaded = load_splat_model(options.from, time);
   const SplatModel& model = loaded.model.groups.front();
   write_splat_ply(options.to, model, loaded.comments);
   Json json{{"splats", model.count}, {"variant", to_string(model.variant)}, {"remarks", loaded.remarks}};
@@ -237,10 +278,11 @@ Json import_model(const ConvertOptions& options, const SplatFormat& format) {
   return json;
 }
 
-std::vector<fs::path> files_of(const ConvertOptions& options) {
+std::vector<fs::path> files_of(const ConvertOptions& options, const SplatFormat& format) {
+  if (format.write_series) return {options.to};
   std::vector<fs::path> files;
   for (int moment = 0; moment < std::max(1, options.series); ++moment)
-    files.emplace_back(file_of(options, moment));
+    files.emplace_back(file_of(options, format, moment));
   return files;
 }
 
@@ -267,7 +309,12 @@ int run(ConvertOptions& options) {
   if (source.holds == Holds::gaussians && format.holds == Holds::beta)
     fail(ErrorKind::usage, "{}: {} contains Gaussians, but {} stores Beta splats", options.from, source.title,
          format.title);
-  if (!exports && options.time_option->count() + options.opacity_option->count() > 0)
+  const bool chooses_moment = source.read_at && options.time_option->count() > 0;
+  if (chooses_moment && !(options.time >= 0 && options.time <= 1))
+    fail(ErrorKind::usage, "--time {}: moments of a file are chosen from 0, the first, to 1, the last",
+         options.time);
+  if (!exports &&
+      ((!chooses_moment && options.time_option->count() > 0) || options.opacity_option->count() > 0))
     fail(ErrorKind::usage, "--time and --opacity only apply when exporting a ubs model as Gaussians");
   if (options.split_given() && options.data.empty())
     fail(ErrorKind::usage, "--split requires --data: it selects the split that quality is measured on");
@@ -278,14 +325,15 @@ int run(ConvertOptions& options) {
          "--conditioning");
   if (options.distill.empty() && source.ours() && !options.data.empty())
     options.run = use_run_data(options.from, options.data);
-  check_output_files(files_of(options), {options.from, options.data}, options.overwrite);
+  check_output_files(files_of(options, format), {options.from, options.data}, options.overwrite);
+  if (format.require_writer) format.require_writer();
   Json json = source.ours() ? export_model(options, format) : import_model(options, format);
   json["from"] = source.title;
   json["to"] = format.name;
   json["bytes"] = std::size_t{0};
-  for (const fs::path& file : files_of(options))
+  for (const fs::path& file : files_of(options, format))
     json["bytes"] = json["bytes"].get<std::size_t>() + file_bytes(file);
-  report(options, json);
+  report(options, format, json);
   return 0;
 }
 
@@ -294,9 +342,10 @@ int run(ConvertOptions& options) {
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<ConvertOptions>(*app);
-  add_model_option(*app, "from", options->from,
-                   ".ply file of UBS, DBS, 3DGS or SuperSplat, .spz, .sog, .glb or .splat file, or output "
-                   "folder of 'ubs train'")
+  add_model_option(
+      *app, "from", options->from,
+      ".ply file of UBS, DBS, 3DGS or SuperSplat, .spz, .sog, .glb, .usda, .usdc, .usd or .splat "
+      "file, or output folder of 'ubs train'")
       ->required()
       ->type_name("FROM");
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");
@@ -308,7 +357,8 @@ Command add_convert(CLI::App& root) {
       ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
-      app->add_option("--time", options->time, "time at which a dynamic model is exported, 0 to 1 [0]")
+      app->add_option("--time", options->time,
+                      "time at which a dynamic model is exported, or moment of a USD file, 0 to 1 [0]")
           ->type_name("T");
   options->opacity_option =
       app->add_option("--opacity", options->opacity,
@@ -335,7 +385,8 @@ Command add_convert(CLI::App& root) {
       ->needs("--distill")
       ->type_name("K");
   app->add_option("--series", options->series,
-                  "number of files TO-000, TO-001, ... from time 0 to 1; they share the time of --distill")
+                  "number of moments from time 0 to 1: files TO-000, TO-001, ..., or time samples of one USD "
+                  "file; they share the time of --distill")
       ->check(from_to(2, kMaxSeries))
       ->excludes("--time")
       ->type_name("K");

@@ -88,7 +88,7 @@ void check_kind(const std::filesystem::path& data) {
     return std::ranges::find(names, extension) != names.end();
   };
   const std::string name = shell_word(data.string());
-  if (is({".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".ubsz"}))
+  if (is({".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".usda", ".usdc", ".usd", ".ubsz"}))
     fail(ErrorKind::data,
          "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
          "its images",

@@ -6,14 +6,18 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstring>
+#include <string_view>
 #include <thread>
 
+#include "host/base/environment.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 
 namespace ubs {
@@ -91,6 +95,20 @@ ChildResult run_child(const std::vector<std::string>& arguments, const std::file
     if (stop()) kill(child, SIGKILL);
     std::this_thread::sleep_for(kPollInterval);
   }
+}
+
+std::filesystem::path find_program(const std::string& name) {
+  namespace fs = std::filesystem;
+  if (name.find('/') != std::string::npos) return path_exists(name) ? fs::path(name) : fs::path();
+  const std::string path = environment("PATH");
+  std::string_view rest = path;
+  while (!rest.empty()) {
+    const std::string_view folder = rest.substr(0, rest.find(':'));
+    rest.remove_prefix(std::min(rest.size(), folder.size() + 1));
+    const fs::path file = fs::path(folder) / name;
+    if (!folder.empty() && is_regular(file) && access(file.c_str(), X_OK) == 0) return file;
+  }
+  return {};
 }
 
 }  // namespace ubs

@@ -21,4 +21,8 @@ struct ChildResult {
 ChildResult run_child(const std::vector<std::string>& arguments, const std::filesystem::path& log,
                       const std::function<bool()>& stop);
 
+// Returns the path of an executable: `name` itself if it has a slash in it, otherwise the first one of that
+// name in a folder of PATH. Empty if there is none.
+std::filesystem::path find_program(const std::string& name);
+
 }  // namespace ubs

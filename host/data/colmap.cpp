@@ -15,57 +15,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Letters say what a parameter is: f (both focal lengths), x y (each), u v (principal point), digits and
-// letters a.. the place in Lens::k (0 .. 9, a = 10, b = 11).
-struct ModelRow {
-  int id;
-  const char* name;
-  LensModel lens;
-  const char* parameters;
-};
-constexpr ModelRow kModels[] = {
-    {0, "SIMPLE_PINHOLE", LensModel::opencv, "fuv"},
-    {1, "PINHOLE", LensModel::opencv, "xyuv"},
-    {2, "SIMPLE_RADIAL", LensModel::opencv, "fuv0"},
-    {3, "RADIAL", LensModel::opencv, "fuv01"},
-    {4, "OPENCV", LensModel::opencv, "xyuv0123"},
-    {5, "OPENCV_FISHEYE", LensModel::opencv_fisheye, "xyuv0123"},
-    {6, "FULL_OPENCV", LensModel::opencv, "xyuv01234567"},
-    {7, "FOV", LensModel::fov, "xyuv0"},
-    {8, "SIMPLE_RADIAL_FISHEYE", LensModel::opencv_fisheye, "fuv0"},
-    {9, "RADIAL_FISHEYE", LensModel::opencv_fisheye, "fuv01"},
-    {10, "THIN_PRISM_FISHEYE", LensModel::thin_prism_fisheye, "xyuv01234567"},
-    {11, "RAD_TAN_THIN_PRISM_FISHEYE", LensModel::rad_tan_thin_prism_fisheye, "xyuv0123456789ab"},
-};
-
-const ModelRow& find_model(const std::string& name, const std::string& where) {
-  const auto row = std::ranges::find_if(kModels, [&](const ModelRow& m) { return name == m.name; });
-  if (row == std::end(kModels))
-    fail(ErrorKind::data, "{}: camera model '{}' is not known: undistort with 'colmap image_undistorter'",
-         where, name.substr(0, 40));
+const LensModel& colmap_model_of_name(const std::string& name, const std::string& where) {
+  const auto row = std::ranges::find(lens_models(), std::string_view(name), &LensModel::name);
+  if (row == lens_models().end())
+    fail(ErrorKind::data,
+         "{}: camera model '{}' is not known: undistort with 'colmap image_undistorter', or use one of {}",
+         where, name.substr(0, 40), known_lens_models());
   return *row;
-}
-
-void set_parameter(Lens& lens, char letter, double value) {
-  switch (letter) {
-    case 'f':
-      lens.fx = lens.fy = value;
-      return;
-    case 'x':
-      lens.fx = value;
-      return;
-    case 'y':
-      lens.fy = value;
-      return;
-    case 'u':
-      lens.cx = value;
-      return;
-    case 'v':
-      lens.cy = value;
-      return;
-    default:
-      lens.k[static_cast<std::size_t>(letter >= 'a' ? letter - 'a' + 10 : letter - '0')] = value;
-  }
 }
 
 void check_end(const ByteReader& in) {
@@ -80,11 +36,11 @@ void read_binary_cameras(const fs::path& path, ColmapModel& model) {
   for (std::size_t i = 0; i < count; ++i) {
     const std::string where = fmt::format("{}: camera {}", path.string(), i);
     const auto id = in.read<std::uint32_t>();
-    const std::string name = colmap_model_name(in.read<std::int32_t>(), where);
+    const LensModel& lens = colmap_model(in.read<std::int32_t>(), where);
     const auto width = in.read<std::uint64_t>(), height = in.read<std::uint64_t>();
-    std::vector<double> parameters(colmap_parameter_count(name, where));
+    std::vector<double> parameters(words_of(lens.parameters).size());
     for (double& p : parameters) p = in.read<double>();
-    add_colmap_camera(model, id, name, width, height, parameters, where);
+    add_colmap_camera(model, id, std::string(lens.name), width, height, parameters, where);
   }
   check_end(in);
 }
@@ -132,35 +88,35 @@ bool is_model(const fs::path& folder) {
 
 }  // namespace
 
-std::string colmap_model_name(int id, const std::string& where) {
-  for (const ModelRow& row : kModels)
-    if (row.id == id) return row.name;
-  fail(ErrorKind::data, "{}: camera model number {} is not known", where, id);
-}
-
-std::size_t colmap_parameter_count(const std::string& model, const std::string& where) {
-  return std::string_view(find_model(model, where).parameters).size();
+const LensModel& colmap_model(int number, const std::string& where) {
+  const auto row = std::ranges::find(lens_models(), number, &LensModel::number);
+  if (row == lens_models().end())
+    fail(ErrorKind::data,
+         "{}: camera model number {} is not known: undistort with 'colmap image_undistorter', or use one of "
+         "{}",
+         where, number, known_lens_models());
+  return *row;
 }
 
 ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, std::uint64_t height,
                                 const std::vector<double>& parameters, const std::string& where) {
-  const ModelRow& row = find_model(model, where);
-  const std::string_view letters = row.parameters;
-  if (parameters.size() != letters.size())
-    fail(ErrorKind::data, "{}: model {} has {} parameters, found {}", where, model, letters.size(),
-         parameters.size());
+  const LensModel& row = colmap_model_of_name(model, where);
+  const std::vector<std::string_view> names = words_of(row.parameters);
+  if (parameters.size() != names.size())
+    fail(ErrorKind::data, "{}: model {} has {} parameters ({}), found {}", where, model, names.size(),
+         row.parameters, parameters.size());
   if (width < 1 || height < 1 || width > 65535 || height > 65535)
     fail(ErrorKind::data, "{}: the image size {}x{} is not possible", where, width, height);
   ColmapCamera camera{model, {}};
-  camera.lens.model = row.lens;
+  camera.lens.formula = row.formula;
   camera.lens.width = static_cast<int>(width);
   camera.lens.height = static_cast<int>(height);
-  for (std::size_t i = 0; i < letters.size(); ++i) {
-    if (!std::isfinite(parameters[i])) fail(ErrorKind::data, "{}: parameter {} is not finite", where, i);
-    set_parameter(camera.lens, letters[i], parameters[i]);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (!std::isfinite(parameters[i]))
+      fail(ErrorKind::data, "{}: parameter '{}' is not finite", where, names[i]);
+    camera.lens.set(names[i], parameters[i]);
   }
-  if (!(camera.lens.fx > 0 && camera.lens.fy > 0))
-    fail(ErrorKind::data, "{}: the focal length must be positive", where);
+  check_lens(camera.lens, where);
   return camera;
 }
 

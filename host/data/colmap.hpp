@@ -57,9 +57,8 @@ ColmapCamera make_colmap_camera(const std::string& model, std::uint64_t width, s
 // Puts the camera into the model, or its number into `unusable`.
 void add_colmap_camera(ColmapModel& model, std::uint32_t id, const std::string& name, std::uint64_t width,
                        std::uint64_t height, const std::vector<double>& parameters, const std::string& where);
-// Name of a model number, and how many parameters a model has; an error for unknown ones.
-std::string colmap_model_name(int id, const std::string& where);
-std::size_t colmap_parameter_count(const std::string& model, const std::string& where);
+// Returns the row of a number of a binary file; throws Error(data) for an unknown one.
+const LensModel& colmap_model(int number, const std::string& where);
 void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& where);
 
 // colmap_text.cpp

@@ -81,6 +81,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<fs::path> mask_files = files.find_masks(names);
 
   std::vector<View> views;
+  std::vector<std::size_t> counts;  // of views of each image
   std::size_t masks = 0;
   for (std::size_t i = 0; i < names.size(); ++i) {
     const ColmapImage& image = model.images[i];
@@ -94,13 +95,14 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
         view_name(exact ? image.name : fmt::format("{}", fmt::join(path_components(image.name), "/")));
     set_pose(view.camera, image);
     masks += !mask_files[i].empty();
-    attach_image(view, model.cameras.at(image.camera).lens, found[i], mask_files[i], options, scene.report);
-    check_camera(view.camera, names[i].where);
-    views.push_back(std::move(view));
+    counts.push_back(append_views(views, view, model.cameras.at(image.camera).lens, found[i], mask_files[i],
+                                  options, scene.report));
+    for (std::size_t k = views.size() - counts.back(); k < views.size(); ++k)
+      check_camera(views[k].camera, names[i].where);
   }
   files.report(scene.report);
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
-  settle_view_names(views);
+  settle_picture_names(views, counts);
   scene.splits = split_every(std::move(views), options.read.test_every);
   const fs::path ply = model_folder / "points3D.ply";  // some tools leave this in the place of points3D.bin
   if (!model.points.positions.empty())

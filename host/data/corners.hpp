@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "host/base/vector3.hpp"
 #include "host/data/patch_depth.hpp"
 #include "host/scene/dataset.hpp"
 

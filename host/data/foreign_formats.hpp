@@ -8,14 +8,18 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "host/data/imported_splats.hpp"
 #include "host/data/ply_header.hpp"
 
 namespace ubs {
+
+class SplatSeries;
 
 // Standard 3DGS file: f_dc_*, f_rest_* (channel after channel), scale_*, rot_*, opacity; binary or ascii, any
 // order, any number types. Further properties are named in a note. Without scale_2 (2DGS) the splats are
@@ -57,6 +61,27 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats);
 // Streamed SOG: lod-meta.json, a tree whose leaves name ranges of SOG files, one a level of detail. The
 // finest level is read, and the environment.
 ImportedSplats read_streamed_sog(const std::filesystem::path& path);
+
+// OpenUSD with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03, as text: y up, turned like
+// SPZ, the offset as a translation in double precision. A series becomes one file with a time sample for each
+// moment, at the time codes 0, 1, 2, ...; attributes that are the same at all moments are stored once.
+// Read: the float or half attributes of all splat prims of the layer itself. Of a file with time samples the
+// first one, or the one nearest to `time`, from 0 (the first) to 1 (the last). Prims may be translated, not
+// turned or scaled. Error(usage) for a time where the file has no time samples.
+ImportedSplats read_usda(const std::filesystem::path& path);
+ImportedSplats read_usda_at(const std::filesystem::path& path, double time);
+ImportedSplats parse_usda(std::string_view text, const std::string& name, std::optional<double> time = {});
+void write_usda(const std::filesystem::path& path, const ImportedSplats& splats);
+void write_usda_series(const std::filesystem::path& path, const SplatSeries& series);
+std::vector<std::string> usd_remarks(const ImportedSplats& splats);
+
+// The binary form of the same, converted by OpenUSD's usdcat or its Python package usd-core.
+// require_usd_converter() throws Error(usage) that says what to install if neither is there.
+void require_usd_converter();
+ImportedSplats read_usdc(const std::filesystem::path& path);
+ImportedSplats read_usdc_at(const std::filesystem::path& path, double time);
+void write_usdc(const std::filesystem::path& path, const ImportedSplats& splats);
+void write_usdc_series(const std::filesystem::path& path, const SplatSeries& series);
 
 // Signs of the harmonics behind the constant one under a half turn about x: y and z change sign.
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};

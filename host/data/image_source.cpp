@@ -42,6 +42,29 @@ class FileSource : public ImageSource {
   FileImage image_;
 };
 
+// Masks the pixels of a view that the image does not cover.
+class CoveredSource : public ImageSource {
+ public:
+  CoveredSource(std::shared_ptr<const ImageSource> inner, Undistortion plan)
+      : inner_(std::move(inner)), plan_(std::move(plan)) {}
+
+  Image8 load() const override {
+    Image8 image = inner_->load();
+    if (image.mask.empty()) image.mask.assign(sample_count(image.width, image.height, 1), 255);
+    const double across = static_cast<double>(plan_.width) / image.width;
+    const double down = static_cast<double>(plan_.height) / image.height;
+    std::size_t at = 0;
+    for (int j = 0; j < image.height; ++j)
+      for (int i = 0; i < image.width; ++i, ++at)
+        if (!covers(plan_, (i + 0.5) * across, (j + 0.5) * down)) image.mask[at] = 0;
+    return image;
+  }
+
+ private:
+  std::shared_ptr<const ImageSource> inner_;
+  Undistortion plan_;
+};
+
 class CachedSource : public ImageSource {
  public:
   CachedSource(std::shared_ptr<const ImageSource> inner, fs::path file, int width, int height)
@@ -77,7 +100,8 @@ std::string describe(const FileImage& image) {
                       image.width, image.height);
   if (const auto& u = image.undistortion) {
     const Lens& l = u->lens;
-    text += fmt::format("|{}|{},{},{},{}|{}|{}x{}|{},{}", static_cast<int>(l.model), l.fx, l.fy, l.cx, l.cy,
+    text += fmt::format("|{}|{}|{},{},{},{}|{}|{}x{}|{},{}", u->face,
+                        l.formula ? l.formula->coefficients : "pinhole", l.fx, l.fy, l.cx, l.cy,
                         fmt::join(l.k, ","), u->width, u->height, u->cx, u->cy);
   }
   return text;
@@ -102,9 +126,12 @@ std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::
   const int width = image.width, height = image.height;
   // Otherwise reading the file is as fast; a PNG of the cache has no place for a mask.
   const bool expensive = image.undistortion.has_value() && image.mask.empty();
-  auto source = std::make_shared<FileSource>(std::move(image));
-  if (cache_folder.empty() || !expensive) return source;
-  return cached_image_source(source, cache_folder / cache_name(description), width, height);
+  const std::optional<Undistortion> plan = image.undistortion;
+  std::shared_ptr<const ImageSource> source = std::make_shared<FileSource>(std::move(image));
+  if (!cache_folder.empty() && expensive)
+    source = cached_image_source(source, cache_folder / cache_name(description), width, height);
+  if (!plan || plan->whole) return source;
+  return std::make_shared<CoveredSource>(std::move(source), *plan);
 }
 
 std::shared_ptr<const ImageSource> cached_image_source(std::shared_ptr<const ImageSource> inner,

@@ -8,7 +8,7 @@
 #include <memory>
 #include <optional>
 
-#include "host/data/lens.hpp"
+#include "host/data/undistort.hpp"
 #include "host/scene/dataset.hpp"
 
 namespace ubs {
@@ -20,6 +20,7 @@ struct FileImage {
   int width = 0, height = 0;                 // delivered: Pillow's bicubic where it differs
 };
 
+// Where the undistortion does not fill its view, the mask excludes the pixels of which the file has nothing.
 std::shared_ptr<const ImageSource> file_image_source(FileImage image,
                                                      const std::filesystem::path& cache_folder = {});
 

@@ -9,8 +9,8 @@
 #include "host/data/covariance_axes.hpp"
 #include "host/data/image.hpp"
 #include "host/data/image_info.hpp"
-#include "host/data/lens.hpp"
 #include "host/data/triangulate.hpp"
+#include "host/data/undistort.hpp"
 #include "host/data/video.hpp"
 #include "host/data/webp.hpp"
 

@@ -1,51 +1,71 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lens models of COLMAP and nerfstudio, and the resampling of a distorted image to an ideal pinhole
-// camera of the same focal length. The rasteriser knows pinhole cameras only.
+// The camera models of COLMAP and nerfstudio: one table with their numbers, names, parameters, projections
+// and inverses, and the resampling of a distorted image to an ideal pinhole camera of the same focal length.
+// The rasteriser supports pinhole cameras only.
 #pragma once
 
 #include <array>
+#include <optional>
+#include <span>
 #include <string>
-
-#include "host/scene/dataset.hpp"
+#include <string_view>
+#include <vector>
 
 namespace ubs {
 
-enum class LensModel {
-  opencv,                      // k: k1 k2 p1 p2 k3 k4 k5 k6 (rational radial, tangential); all zero: pinhole
-  opencv_fisheye,              // k: k1 k2 k3 k4
-  fov,                         // k: omega
-  thin_prism_fisheye,          // k: k1 k2 p1 p2 k3 k4 sx1 sy1
-  rad_tan_thin_prism_fisheye,  // k: k0 .. k5, p0 p1, s0 .. s3
+using Ray = std::array<double, 3>;         // a direction in camera axes of COLMAP: x right, y down, z forward
+using PlanePoint = std::array<double, 2>;  // a position in the image plane
+using LensCoefficients = std::array<double, 12>;
+
+// LensFormula is a projection and its inverse. Models that differ only in which coefficients they have
+// (RADIAL, OPENCV, FULL_OPENCV) share one formula. Positions are relative to the principal point, in units of
+// the focal length; rays may have any length.
+struct LensFormula {
+  std::string_view coefficients;  // names in the order of Lens::k, separated by blanks
+  // nullopt: the lens maps no position to this ray, or the formula is not defined for it.
+  std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
+  std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
+  int zero_for_pinhole;         // a pinhole camera where so many first coefficients are 0; -1: never
+  bool all_directions = false;  // the image shows every direction, and its left and right borders meet
+};
+
+// LensModel is a row of the table of camera models.
+struct LensModel {
+  int number;                     // in COLMAP's binary files
+  std::string_view name;          // in COLMAP's files, and in transforms.json in any case
+  std::string_view json_aliases;  // further names in transforms.json, separated by blanks
+  std::string_view parameters;    // in COLMAP's order: f (both focal lengths), fx fy cx cy, w h, coefficients
+  std::string_view json_extra;    // coefficients that a transforms.json may have as well
+  const LensFormula* formula;
 };
 
 struct Lens {
-  LensModel model = LensModel::opencv;
+  const LensFormula* formula = nullptr;   // nullptr: an ideal pinhole camera
   double fx = 1, fy = 1, cx = 0, cy = 0;  // [px]; the centre of pixel (0,0) is (0.5, 0.5)
   int width = 0, height = 0;
-  std::array<double, 12> k{};
+  LensCoefficients k{};
 
   bool operator==(const Lens&) const = default;
   bool distorted() const;  // false: an ideal pinhole camera
   Lens scaled_to(int new_width, int new_height) const;
+  // Sets a parameter by its name in the table; false where the lens has none of this name.
+  bool set(std::string_view parameter, double value);
 };
 
-// Where the ray (x, y, 1) meets the image plane, in units of the focal length. Camera axes of COLMAP.
-std::array<double, 2> distort(const Lens& lens, double x, double y);
+// The table: camera models 0 to 17 of COLMAP 4.
+std::span<const LensModel> lens_models();
+// "number NAME, number NAME, ...", for messages.
+std::string known_lens_models();
+std::vector<std::string_view> words_of(std::string_view names);  // separated by blanks
 
-// The inverse. False when the iteration finds no ray in front of the camera.
-bool undistort_point(const Lens& lens, double xd, double yd, double& x, double& y);
+// Throws Error(data) that starts with `where` unless the focal lengths are positive and the coefficients are
+// in the domain of the formula.
+void check_lens(const Lens& lens, const std::string& where);
 
-// The largest upright rectangle of the ideal image all of whose pixels the lens has seen.
-struct Undistortion {
-  Lens lens;
-  int width = 0, height = 0;  // of the ideal image; same fx, fy
-  double cx = 0, cy = 0;
-};
-
-// `where` starts the message when the parameters leave no usable rectangle.
-Undistortion plan_undistortion(const Lens& lens, const std::string& where);
-
-// Bicubic resampling (OpenCV remap); `image` must have the size of the lens.
-Image8 undistort(const Image8& image, const Undistortion& plan);
+// Returns the pixel position that sees `ray`; nullopt where the lens does not see it.
+std::optional<PlanePoint> project_ray(const Lens& lens, const Ray& ray);
+// Returns the ray, of any length, that a pixel position sees. nullopt where no ray was found: outside of the
+// image circle, or where the polynomial of the lens folds.
+std::optional<Ray> pixel_ray(const Lens& lens, double column, double row);
 
 }  // namespace ubs

@@ -228,6 +228,9 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
     data.report.note_difference(results.size() == 1                ? text
                                 : pixels == results.begin()->first ? text + ", the smallest"
                                                                    : text + ", the largest");
+  if (data.report.wide_images > 0)
+    data.report.note_difference(fmt::format("{} wide images became {} pinhole views of at most 90 degrees",
+                                            data.report.wide_images, data.report.wide_views));
   data.report.layout = layout.name;
   data.report.folder = path.string();
   const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();

@@ -25,6 +25,8 @@ struct LoadReport {
   std::vector<std::string> differences;             // those of the notes that every command prints
   std::map<std::int64_t, std::string> undistorted;  // by pixels, of the smallest and the largest result
 
+  std::size_t wide_images = 0, wide_views = 0;  // images that became several views, and these views
+
   void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
 
   void add(const Skipped& more) {

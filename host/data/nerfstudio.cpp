@@ -33,54 +33,44 @@ std::string camera_model(const Node& frame, const Node& file) {
   return "OPENCV";
 }
 
-// Names of camera_model, in any case, and the fields that hold Lens::k.
-struct JsonLens {
-  std::string_view name;
-  LensModel model;
-  std::array<const char*, 12> keys;
-};
-constexpr std::array<const char*, 12> kBrown{"k1", "k2", "p1", "p2", "k3"}, kFisheye{"k1", "k2", "k3", "k4"};
-constexpr JsonLens kJsonLenses[] = {
-    {"OPENCV", LensModel::opencv, kBrown},
-    {"PINHOLE", LensModel::opencv, kBrown},
-    {"SIMPLE_PINHOLE", LensModel::opencv, kBrown},
-    {"PERSPECTIVE", LensModel::opencv, kBrown},
-    {"SIMPLE_RADIAL", LensModel::opencv, kBrown},
-    {"RADIAL", LensModel::opencv, kBrown},
-    {"FULL_OPENCV", LensModel::opencv, {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"}},
-    {"OPENCV_FISHEYE", LensModel::opencv_fisheye, kFisheye},
-    {"FISHEYE", LensModel::opencv_fisheye, kFisheye},
-    {"SIMPLE_RADIAL_FISHEYE", LensModel::opencv_fisheye, kFisheye},
-    {"RADIAL_FISHEYE", LensModel::opencv_fisheye, kFisheye},
-    {"FOV", LensModel::fov, {"omega"}},
-    {"THIN_PRISM_FISHEYE", LensModel::thin_prism_fisheye, {"k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"}},
-};
+// Returns the row of the table for a name in any case, or an alias.
+const LensModel& json_lens_model(std::string name, const std::string& where) {
+  std::ranges::transform(name, name.begin(),
+                         [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
+  std::vector<std::string_view> known;
+  for (const LensModel& model : lens_models()) {
+    std::vector<std::string_view> names = words_of(model.json_aliases);
+    names.insert(names.begin(), model.name);
+    if (std::ranges::find(names, name) != names.end()) return model;
+    known.insert(known.end(), names.begin(), names.end());
+  }
+  fail(ErrorKind::data,
+       "{}: camera_model '{}' is not known: undistort the images to PINHOLE, or use one of {}", where,
+       name.substr(0, 40), fmt::join(known, ", "));
+}
 
 Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
-  Camera camera;
-  set_intrinsics(camera, frame, file, size, size);
-  Lens lens{LensModel::opencv, camera.fx, camera.fy, camera.cx, camera.cy, size.width, size.height, {}};
-  std::string model = camera_model(frame, file);
-  std::ranges::transform(model, model.begin(),
-                         [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
-  const auto row = std::ranges::find(kJsonLenses, std::string_view(model), &JsonLens::name);
-  if (row == std::end(kJsonLenses)) {
-    std::vector<std::string_view> names;
-    for (const JsonLens& known : kJsonLenses) names.push_back(known.name);
-    fail(ErrorKind::data,
-         "{}: camera_model '{}' is not supported: undistort the images to PINHOLE, or use one of {}",
-         frame.where, model.substr(0, 40), fmt::join(names, ", "));
+  const LensModel& model = json_lens_model(camera_model(frame, file), frame.where);
+  Lens lens{model.formula, 1, 1, 0, 0, size.width, size.height, {}};
+  std::vector<std::string_view> names = words_of(model.parameters);
+  if (std::ranges::find(names, "w") != names.end()) {
+    lens.set("w", size.width), lens.set("h", size.height);  // any focal lengths in the file have no meaning
+  } else {
+    Camera camera;
+    set_intrinsics(camera, frame, file, size, size);
+    lens.fx = camera.fx, lens.fy = camera.fy, lens.cx = camera.cx, lens.cy = camera.cy;
   }
-  lens.model = row->model;
-  for (std::size_t i = 0; i < row->keys.size() && row->keys[i]; ++i)
-    lens.k[i] = lookup(frame, file, row->keys[i]).value_or(0.0);
+  for (const std::string_view extra : words_of(model.json_extra)) names.push_back(extra);
+  for (const std::string_view coefficient : words_of(model.formula->coefficients))
+    if (std::ranges::find(names, coefficient) != names.end())
+      lens.set(coefficient, lookup(frame, file, std::string(coefficient).c_str()).value_or(0.0));
   // A coefficient that the lens does not have would be left out without a word.
   for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0);
-        value != 0 &&
-        std::ranges::none_of(row->keys, [&](const char* k) { return k && std::string_view(k) == key; }))
+        value != 0 && std::ranges::find(names, key) == names.end())
       fail(ErrorKind::data, "{}: '{}' = {} has no agreed meaning for {}: undistort the images first",
-           frame.where, key, value, model);
+           frame.where, key, value, model.name);
+  check_lens(lens, frame.where);
   return lens;
 }
 
@@ -200,6 +190,8 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
          json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
   LoadedScene scene;
   std::vector<NamedView> named;
+  std::vector<View> unique;
+  std::vector<std::size_t> counts;  // of views of each frame
   std::size_t masks = 0;
   double low = 0, high = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -225,13 +217,14 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     if (!size)
       fail(ErrorKind::data, "{}: the image {}, and the JSON has no 'w' and 'h'", frame.where,
            files.missing(folder, image_of(frame)));
-    attach_image(n.view, read_lens(frame, file, *size), image, mask, options, scene.report);
-    check_camera(n.view.camera, frame.where);
-    named.push_back(std::move(n));
+    counts.push_back(
+        append_views(unique, n.view, read_lens(frame, file, *size), image, mask, options, scene.report));
+    for (std::size_t k = unique.size() - counts.back(); k < unique.size(); ++k) {
+      check_camera(unique[k].camera, frame.where);
+      named.push_back(n);
+    }
   }
-  std::vector<View> unique;
-  for (NamedView& n : named) unique.push_back(std::move(n.view));
-  settle_view_names(unique);
+  settle_picture_names(unique, counts);
   for (std::size_t i = 0; i < named.size(); ++i) {
     named[i].view = std::move(unique[i]);
     double& time = named[i].view.camera.time;

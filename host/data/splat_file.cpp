@@ -128,6 +128,30 @@ constexpr SplatFormat kFormats[] = {
      .read = read_glb,
      .write = write_glb,
      .keeps_offset = true},
+    {.name = "usda",
+     .title = "USD text",
+     .extension = ".usda",
+     .holds = Holds::gaussians,
+     .recognise = [](const FileStart& s) { return s.bytes.starts_with("#usda"); },
+     .read = read_usda,
+     .write = write_usda,
+     .keeps_offset = true,
+     .remarks = usd_remarks,
+     .write_series = write_usda_series,
+     .read_at = read_usda_at},
+    {.name = "usdc",
+     .title = "binary USD",
+     .extension = ".usdc",
+     .holds = Holds::gaussians,
+     .recognise = [](const FileStart& s) { return s.bytes.starts_with("PXR-USDC"); },
+     .read = read_usdc,
+     .write = write_usdc,
+     .keeps_offset = true,
+     .remarks = usd_remarks,
+     .second_extension = ".usd",
+     .write_series = write_usdc_series,
+     .read_at = read_usdc_at,
+     .require_writer = require_usd_converter},
     {.name = "splat",
      .title = ".splat",
      .extension = ".splat",
@@ -223,10 +247,6 @@ constexpr OtherFile kOthers[] = {
        return "a .ksplat file of GaussianSplats3D, which is not read: export the splats as PLY, SPZ or "
               ".splat";
      }},
-    {[](const FileStart& s) { return s.bytes.starts_with("PXR-USDC") || s.bytes.starts_with("#usda"); },
-     [](const FileStart&) -> std::string {
-       return "a USD file, which is not read: export the splats as PLY";
-     }},
     {[](const FileStart& s) { return s.bytes.starts_with("version https://"); },
      [](const FileStart&) -> std::string {
        return "a pointer of Git LFS, not the file: fetch it with 'git lfs pull'";
@@ -294,8 +314,10 @@ std::string what_other(const FileStart& start) {
   return {};
 }
 
-ImportedSplats read_as(const SplatFormat& format, const fs::path& path) {
-  ImportedSplats splats = format.read(path);
+ImportedSplats read_as(const SplatFormat& format, const fs::path& path, std::optional<double> time) {
+  if (time && !format.read_at)
+    fail(ErrorKind::usage, "{}: a {} file has no moments to choose from", path.string(), format.title);
+  ImportedSplats splats = time ? format.read_at(path, *time) : format.read(path);
   std::size_t dropped = 0;
   for (const LoadReport::Skipped& skipped : splats.report.skipped) dropped += skipped.count;
   if (splats.count() == 0 && dropped > 0)
@@ -323,7 +345,9 @@ const SplatFormat& splat_format(std::string_view name) {
 
 const SplatFormat* format_of_extension(const fs::path& path) {
   const auto found = std::ranges::find_if(kFormats, [&](const SplatFormat& format) {
-    return written(format) && format.extension == small_extension(path);
+    const std::string extension = small_extension(path);
+    return written(format) && !extension.empty() &&
+           (format.extension == extension || format.second_extension == extension);
   });
   return found == std::end(kFormats) ? nullptr : &*found;
 }
@@ -372,10 +396,10 @@ fs::path find_splat_model(const fs::path& path) {
   return last;
 }
 
-ImportedSplats read_foreign_splats(const fs::path& path) {
+ImportedSplats read_foreign_splats(const fs::path& path, std::optional<double> time) {
   const SplatFormat& format = detect_splat_format(path);
   if (format.ours()) fail(ErrorKind::internal, "{}: a file of ours needs no import", path.string());
-  return read_as(format, path);
+  return read_as(format, path, time);
 }
 
 void write_foreign_splats(const SplatFormat& format, const fs::path& path, const ImportedSplats& splats) {
@@ -403,19 +427,20 @@ std::vector<std::string> read_remarks(const ImportedSplats& splats) {
   return remarks;
 }
 
-LoadedModel load_splat_model(const fs::path& given) {
+LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) {
   const fs::path path = is_folder(given) ? find_splat_model(given) : given;
   if (path.empty()) fail(ErrorKind::data, "{}: no model.ply in this folder", given.string());
   LoadedModel loaded;
   loaded.format = &detect_splat_format(path);
   if (loaded.format->ours()) {
+    if (time) fail(ErrorKind::usage, "{}: this file has no moments to choose from", path.string());
     loaded.model = is_ubsz(start_of(path)) ? read_ubsz(path, &loaded.comments)
                                            : read_mixed_ply(path, &loaded.comments, &loaded.remarks);
     loaded.offset = offset_comment(loaded.comments, path.string());
     loaded.notes = notes_of(loaded.comments, path.string());
     return loaded;
   }
-  const ImportedSplats splats = read_as(*loaded.format, path);
+  const ImportedSplats splats = read_as(*loaded.format, path, time);
   loaded.offset = splats.offset;
   if (splats.offset != std::array<double, 3>{}) loaded.comments = {make_offset_comment(splats.offset)};
   loaded.model = exact_model(splats);

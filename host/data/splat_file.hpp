@@ -5,6 +5,7 @@
 
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -15,6 +16,8 @@
 #include "host/scene/mixed_model.hpp"
 
 namespace ubs {
+
+class SplatSeries;
 
 // What tells the formats apart.
 struct FileStart {
@@ -41,6 +44,13 @@ struct SplatFormat {
   bool keeps_offset = false;
   bool keeps_antialiasing = false;  // says whether splats were trained with it
   std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what write() loses besides
+  std::string_view second_extension = {};  // of files that are written in the same way
+  // For formats that store several moments of a model that moves in one file; null: a file has one moment.
+  void (*write_series)(const std::filesystem::path& path, const SplatSeries& series) = nullptr;
+  // Reads the moment nearest to `time`, from 0, the first moment, to 1, the last one.
+  ImportedSplats (*read_at)(const std::filesystem::path& path, double time) = nullptr;
+  // Throws Error(usage) if a program that writing needs is missing; null: it needs none.
+  void (*require_writer)() = nullptr;
 
   bool ours() const { return holds == Holds::ours; }
 };
@@ -62,8 +72,9 @@ std::string describe_file(const std::filesystem::path& path);
 // such as a folder or a JSON file of data.
 std::filesystem::path find_splat_model(const std::filesystem::path& path);
 
-// Every format but our own.
-ImportedSplats read_foreign_splats(const std::filesystem::path& path);
+// Every format but our own. With a time, the moment nearest to it (SplatFormat::read_at); Error(usage) if the
+// format has no moments.
+ImportedSplats read_foreign_splats(const std::filesystem::path& path, std::optional<double> time = {});
 // Warns of an offset that the format has no place for.
 void write_foreign_splats(const SplatFormat& format, const std::filesystem::path& path,
                           const ImportedSplats& splats);
@@ -81,8 +92,8 @@ struct LoadedModel {
   std::vector<std::string> remarks;       // what reading dropped, did not use and noticed
 };
 
-// The one way from a file, or a folder with one, to a model.
-LoadedModel load_splat_model(const std::filesystem::path& given);
+// The one way from a file, or a folder with one, to a model. `time` as in read_foreign_splats().
+LoadedModel load_splat_model(const std::filesystem::path& given, std::optional<double> time = {});
 
 // What reading the file dropped, and other remarks, for messages.
 std::vector<std::string> read_remarks(const ImportedSplats& splats);

@@ -2,9 +2,13 @@
 // See view_image.hpp.
 #include "host/data/view_image.hpp"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
+#include <utility>
 
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
@@ -20,25 +24,64 @@ int reduced(int ideal, double stated, int factor) {
   return std::min(ideal, downscaled(static_cast<int>(std::lround(stated)), factor));
 }
 
-// Returns the part of the image, in percent, that the undistorted one leaves out: found on a grid of its
-// pixels.
-double percent_left_out(const Undistortion& plan) {
-  constexpr int kGrid = 32;
-  const Lens& lens = plan.lens;
-  int outside = 0;
-  for (int j = 0; j < kGrid; ++j)
-    for (int i = 0; i < kGrid; ++i) {
-      const double u = (i + 0.5) * lens.width / kGrid, v = (j + 0.5) * lens.height / kGrid;
-      double x = 0, y = 0;
-      const bool seen = undistort_point(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, x, y);
-      const double column = x * lens.fx + plan.cx, row = y * lens.fy + plan.cy;
-      outside += !(seen && column >= 0 && column <= plan.width && row >= 0 && row <= plan.height);
-    }
-  return 100.0 * outside / (kGrid * kGrid);
+// Returns whether the mask leaves pixels of a view.
+bool counts_any(const Image8& mask, const Undistortion& plan) {
+  Image8 pixels = undistort(mask, plan);
+  set_mask(pixels, pixels);
+  for (int j = 0; j < plan.height; ++j)
+    for (int i = 0; i < plan.width; ++i)
+      if (pixels.mask[static_cast<std::size_t>(j) * static_cast<std::size_t>(plan.width) +
+                      static_cast<std::size_t>(i)] != 0 &&
+          covers(plan, i + 0.5, j + 0.5))
+        return true;
+  return false;
 }
 
 double degrees_across(double focal, double centre, int size) {
   return (std::atan(centre / focal) + std::atan((size - centre) / focal)) * 180 / std::acos(-1.0);
+}
+
+// Sets what the file decides, if there is one. Returns the lens at the size of the file.
+Lens with_file(View& view, const Lens& lens, const fs::path& file, LoadReport& report) {
+  if (!path_exists(file)) return lens;
+  const ImageInfo info = image_file_info(file);
+  view.file = file;
+  view.opaque = info.opaque;
+  check_image_size(info.size, {lens.width, lens.height}, file.string(), report);
+  if (info.orientation != 1)
+    report.note(
+        fmt::format("EXIF orientation {} ignored: cameras describe the stored pixels", info.orientation));
+  return lens.scaled_to(info.size.width, info.size.height);
+}
+
+// Describes the image of a pinhole camera as it is.
+Undistortion pinhole_plan(const Lens& lens) {
+  Undistortion plan;
+  plan.lens = lens;
+  plan.width = lens.width, plan.height = lens.height;
+  plan.fx = lens.fx, plan.fy = lens.fy, plan.cx = lens.cx, plan.cy = lens.cy;
+  return plan;
+}
+
+// Sets camera and source of a view; `stated` has the size that the data set states.
+void set_view(View& view, const Lens& stated, const Undistortion& plan, const fs::path& file,
+              const fs::path& mask, const DatasetOptions& options) {
+  FileImage image{file, mask, options.background, std::nullopt, 0, 0};
+  if (plan.lens.distorted()) image.undistortion = plan;
+  Camera& camera = view.camera;
+  camera = camera_of(plan, camera);
+  camera.width = image.width = reduced(
+      plan.width, static_cast<double>(plan.width) * stated.width / plan.lens.width, options.read.downscale);
+  camera.height = image.height =
+      reduced(plan.height, static_cast<double>(plan.height) * stated.height / plan.lens.height,
+              options.read.downscale);
+  const double sx = static_cast<double>(camera.width) / plan.width;
+  const double sy = static_cast<double>(camera.height) / plan.height;
+  camera.fx *= sx, camera.fy *= sy, camera.cx *= sx, camera.cy *= sy;
+  const bool exists = !view.file.empty();
+  view.masked = exists && (!mask.empty() || !plan.whole);
+  if (exists && options.load_images)
+    view.source = file_image_source(std::move(image), options.read.cache_folder);
 }
 
 }  // namespace
@@ -68,60 +111,80 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
 
 bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::path& mask,
                   const DatasetOptions& options, LoadReport& report) {
-  const bool exists = path_exists(file);
-  ImageSize size{lens.width, lens.height};
-  if (exists) {
-    const ImageInfo info = image_file_info(file);
-    view.file = file;
-    size = info.size;
-    view.opaque = info.opaque;
-    check_image_size(size, {lens.width, lens.height}, file.string(), report);
-    if (info.orientation != 1)
-      report.note(
-          fmt::format("EXIF orientation {} ignored: cameras describe the stored pixels", info.orientation));
+  const Lens actual = with_file(view, lens, file, report);
+  if (actual.distorted()) fail(ErrorKind::internal, "{}: a lens with distortion", file.string());
+  set_view(view, lens, pinhole_plan(actual), file, mask, options);
+  return !view.file.empty();
+}
+
+std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens, const fs::path& file,
+                         const fs::path& mask, const DatasetOptions& options, LoadReport& report) {
+  View base = view;
+  const Lens actual = with_file(base, lens, file, report);
+  if (!actual.distorted()) {
+    set_view(base, lens, pinhole_plan(actual), file, mask, options);
+    views.push_back(std::move(base));
+    return 1;
   }
-  const Lens actual = lens.scaled_to(size.width, size.height);
-  FileImage image{file, mask, options.background, std::nullopt, 0, 0};
-  ImageSize ideal = size;
-  double cx = actual.cx, cy = actual.cy;
-  if (actual.distorted()) {
-    static thread_local Undistortion plan;  // most images have the lens of the one before
-    static thread_local double left_out = 0;
-    if (plan.lens != actual) {
-      plan = plan_undistortion(actual, file.string());
-      left_out = percent_left_out(plan);
-    }
-    image.undistortion = plan;
-    ideal = {plan.width, plan.height};
-    cx = plan.cx, cy = plan.cy;
+  static thread_local std::vector<Undistortion> plans;  // most images have the lens of the one before
+  static thread_local double left_out = 0;
+  if (plans.empty() || plans[0].lens != actual) {
+    plans = plan_views(actual, file.string());
+    left_out = percent_left_out(plans);
+  }
+  std::int64_t pixels = 0;
+  for (const Undistortion& plan : plans) pixels += std::int64_t{plan.width} * plan.height;
+  const Undistortion& first = plans[0];
+  if (first.face.empty()) {
     report.undistort(
-        std::int64_t{ideal.width} * ideal.height,
-        fmt::format("undistorted {}x{} to {}x{} ({:.0f} degrees across, {:.0f} % of the picture left "
-                    "out) at the same focal length",
-                    size.width, size.height, ideal.width, ideal.height,
-                    degrees_across(actual.fx, cx, ideal.width), left_out));
+        pixels, fmt::format("undistorted {}x{} to {}x{} ({:.0f} degrees across, {:.0f} % of the picture left "
+                            "out) at the same focal length",
+                            actual.width, actual.height, first.width, first.height,
+                            degrees_across(actual.fx, first.cx, first.width), left_out));
+    set_view(base, lens, first, file, mask, options);
+    views.push_back(std::move(base));
+    return 1;
   }
-  Camera& camera = view.camera;
-  camera.width = image.width = reduced(
-      ideal.width, static_cast<double>(ideal.width) * lens.width / size.width, options.read.downscale);
-  camera.height = image.height = reduced(
-      ideal.height, static_cast<double>(ideal.height) * lens.height / size.height, options.read.downscale);
-  const double sx = static_cast<double>(camera.width) / ideal.width;
-  const double sy = static_cast<double>(camera.height) / ideal.height;
-  camera.fx = actual.fx * sx, camera.fy = actual.fy * sy;
-  camera.cx = cx * sx, camera.cy = cy * sy;
-  view.masked = exists && !mask.empty();
-  if (exists && options.load_images)
-    view.source = file_image_source(std::move(image), options.read.cache_folder);
-  return exists;
+  std::vector<std::string> faces;
+  for (const Undistortion& plan : plans)
+    faces.push_back(fmt::format("{} {}x{}", plan.face, plan.width, plan.height));
+  report.undistort(
+      pixels,
+      fmt::format("resampled {}x{} ({:.0f} degrees) to the views {} ({:.0f} % of the picture "
+                  "left out)",
+                  actual.width, actual.height, degrees_covered(actual), fmt::join(faces, ", "), left_out));
+  std::optional<Image8> mask_pixels;
+  if (!mask.empty() && !base.file.empty() && options.load_images)
+    mask_pixels = load_mask_image(mask, {actual.width, actual.height, {}});
+  std::size_t count = 0;
+  for (const Undistortion& plan : plans) {
+    if (mask_pixels && !counts_any(*mask_pixels, plan)) continue;
+    View face = base;
+    face.picture = base.name;
+    face.name = base.name + "_" + plan.face;
+    set_view(face, lens, plan, file, mask, options);
+    views.push_back(std::move(face));
+    ++count;
+  }
+  if (count == 0)
+    fail(ErrorKind::data, "{}: the mask {} leaves no pixel of it", file.string(), mask.string());
+  ++report.wide_images, report.wide_views += count;
+  return count;
 }
 
 std::vector<Split> split_every(std::vector<View> views, int test_every) {
-  std::ranges::stable_sort(views, {}, &View::name);
+  std::ranges::stable_sort(views, {}, [](const View& view) {
+    return std::pair<const std::string&, const std::string&>(view.picture.empty() ? view.name : view.picture,
+                                                             view.name);
+  });
   Split train{"train", {}}, test{"test", {}};
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const bool held = test_every > 0 && i % static_cast<std::size_t>(test_every) == 0;
-    (held ? test : train).views.push_back(std::move(views[i]));
+  std::size_t images = 0;
+  std::string picture;
+  for (View& view : views) {
+    if (view.picture.empty() || view.picture != picture) ++images;
+    picture = view.picture;
+    const bool held = test_every > 0 && (images - 1) % static_cast<std::size_t>(test_every) == 0;
+    (held ? test : train).views.push_back(std::move(view));
   }
   std::vector<Split> splits;
   splits.push_back(std::move(train));

@@ -16,15 +16,23 @@ namespace ubs {
 // within a pixel, which is noted: a turned or cropped image does not belong to its camera.
 void check_image_size(ImageSize file, ImageSize camera, const std::string& where, LoadReport& report);
 
-// Sets intrinsics, size and image source of `view`. `lens` refers to the size that the data set states.
-// Without a file the view keeps the stated size and no image; false then.
+// Sets intrinsics, size and image source of `view`, whose camera has a pinhole lens. `lens` refers to the
+// size that the data set states. Without a file the view keeps the stated size and no image; false then.
 //
 // The delivered size is that of the lens, reduced by options.read.downscale, but never more than the file
 // has: a folder of reduced images is used as it is, with the intrinsics rescaled.
 bool attach_image(View& view, const Lens& lens, const std::filesystem::path& file,
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 
-// Sorts views by name and deals them out: every n-th to test (method.md 4.5), the rest to train.
+// Appends the views of an image of any lens: one, or those of a wide image (undistort.hpp), named after
+// `view` with the face as their end (NAME_front), less those that the mask leaves nothing of. Returns their
+// number.
+std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens,
+                         const std::filesystem::path& file, const std::filesystem::path& mask,
+                         const DatasetOptions& options, LoadReport& report);
+
+// Sorts images by name and deals them out: every n-th to test (method.md 4.5), the rest to train. All views
+// of one image (View::picture) go to the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
 // "cam1/0001.jpg" -> "cam1_0001": names become file names.

@@ -82,4 +82,23 @@ void settle_view_names(std::vector<View>& views) {
   }
 }
 
+void settle_picture_names(std::vector<View>& views, const std::vector<std::size_t>& counts) {
+  std::vector<View> images;
+  std::size_t at = 0;
+  for (const std::size_t count : counts) {
+    images.emplace_back().name = views.at(at).picture.empty() ? views[at].name : views[at].picture;
+    at += count;
+  }
+  settle_view_names(images);
+  at = 0;
+  for (std::size_t i = 0; i < counts.size(); ++i)
+    for (std::size_t k = 0; k < counts[i]; ++k, ++at) {
+      View& view = views[at];
+      const std::string end = view.picture.empty() ? "" : view.name.substr(view.picture.size());
+      view.name = images[i].name + end;
+      if (!view.picture.empty()) view.picture = images[i].name;
+    }
+  settle_view_names(views);
+}
+
 }  // namespace ubs

@@ -94,6 +94,25 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   ubs_ok(folder, "convert x.glb x.sog");
   CHECK(json::parse(ubs_ok(folder, "info x.sog --json").out)["format"] == "SOG");
   CHECK(read_foreign_splats(folder / "x.sog").count() == 1);
+  // One file of USD has one moment or all of a series, and is read at one of them.
+  CHECK_THAT(ubs_ok(folder, "convert u7.ply x.usda --time 0.5").out, Contains("--series K stores K moments"));
+  const json moments = json::parse(ubs_ok(folder, "convert u7.ply x7.usda --series 3 --json").out);
+  CHECK(moments["moments"] == 3);
+  CHECK(moments["splats"] == 1);
+  CHECK(moments["bytes"] == std::filesystem::file_size(folder / "x7.usda"));
+  CHECK(!std::filesystem::exists(folder / "x7-000.usda"));
+  CHECK_THAT(ubs_ok(folder, "convert u7.ply y7.usda --series 3").out,
+             Contains("1 splats at 3 moments in y7.usda"));
+  CHECK_THAT(ubs_ok(folder, "convert x7.usda x7.spz --time 1").out, Contains("time codes 0 to 2: 2 is read"));
+  CHECK_THAT(ubs_ok(folder, "convert x7.usda o7.ply --to ubs").out,
+             Contains("0 is read; 'ubs convert --time'"));
+  CHECK(json::parse(ubs_ok(folder, "info x7.usda --json").out)["format"] == "USD text");
+  check_error(folder, "convert x.usda o.spz --time 1", 2, "--time requires a file with time samples");
+  check_error(folder, "convert x7.usda o.spz --time 2", 2, "from 0, the first, to 1, the last");
+  check_error(folder, "convert x7.usda o.spz --opacity max", 2, "--time and --opacity only apply");
+  check_error(folder, "convert x7.usda o.usda --series 3", 2, "--distill and --series only apply");
+  check_error(folder, "convert u7.ply x7.usda --series 3", 2, "--overwrite");
+  check_error(folder, "train x7.usda --out r3", 3, "this is a model, not a data set");
   ubs_ok(folder, "convert x.sog X.SPZ");
   CHECK(detect_splat_format(folder / "X.SPZ").name == "spz");
   ubs_ok(folder, "convert X.SPZ X.SPLAT");

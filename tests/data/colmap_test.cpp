@@ -3,6 +3,7 @@
 #include "host/data/colmap.hpp"
 
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 
 #include "host/data/load_dataset.hpp"
 #include "tests/support/data.hpp"
@@ -334,29 +335,96 @@ TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
   for (std::size_t i = 1; i < views.size(); ++i) CHECK(views[i].opaque);
 }
 
+// All views of an image are in one split, which image names decide as for other images, and names tell them
+// apart.
+TEST_CASE("colmap: wide images become several views", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  put(folder / "sparse/0/cameras.txt", "1 EQUIRECTANGULAR 64 48 64 48\n");
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.find("train")->views.size() == 8 * 6);
+  REQUIRE(data.find("test")->views.size() == 2 * 6);  // im0 and im8
+  CHECK(data.find("test")->views[0].name == "im0_back");
+  CHECK(data.find("test")->views[11].name == "im8_up");
+  std::set<std::string> names;
+  for (const Split& split : data.splits)
+    for (const View& view : split.views) {
+      names.insert(view.name);
+      CHECK(view.name.starts_with(view.picture + "_"));
+      CHECK((view.picture == "im0" || view.picture == "im8") == (split.name == "test"));
+      CHECK(view.image.width == view.camera.width);
+      CHECK(view.camera.fx == view.camera.width / 2.0);
+      CHECK(view.camera.centre()[0] == Approx(-(view.picture[2] - '0')).margin(1e-12));  // t = (i, 0, 0)
+      CHECK_FALSE(view.masked);
+    }
+  CHECK(names.size() == 60);
+  CHECK(std::ranges::count(data.report.differences,
+                           "10 wide images became 60 pinhole views of at most 90 degrees") == 1);
+  // A fisheye has nothing in the corners of its last faces; the same pixels come from a cache folder.
+  put(folder / "sparse/0/cameras.txt", "1 FISHEYE 64 48 16 16 32 24\n");
+  const TempFolder cache;
+  DatasetOptions options;
+  options.read.cache_folder = cache.path();
+  const Dataset first = load_dataset(folder.path(), options), again = load_dataset(folder.path(), options);
+  std::size_t masked = 0;
+  for (std::size_t i = 0; i < first.splits[0].views.size(); ++i) {
+    const View &a = first.splits[0].views[i], &b = again.splits[0].views[i];
+    CHECK(a.image.rgb == b.image.rgb);
+    CHECK(a.image.mask == b.image.mask);
+    CHECK(a.image.mask.empty() != a.masked);
+    if (!a.masked) continue;
+    ++masked;
+    const auto excluded = std::ranges::count(a.image.mask, 0);
+    CHECK(excluded > 0);
+    CHECK(excluded < std::ssize(a.image.mask));
+  }
+  CHECK(masked > 0);
+}
+
+// A mask that leaves nothing of a view takes the view away: its measures would be of no pixel.
+TEST_CASE("colmap: the mask of a wide image goes to its views", "[colmap]") {
+  TempFolder folder;
+  put_scene(folder);
+  put(folder / "sparse/0/cameras.txt", "1 EQUIRECTANGULAR 64 48 64 48\n");
+  cv::Mat mask(48, 64, CV_8U, cv::Scalar(255));
+  mask.rowRange(30, 48) = 0;  // from 22 degrees below the horizon: the tripod
+  std::filesystem::create_directories(folder / "masks");
+  cv::imwrite((folder / "masks/im3.png").string(), mask);
+  const Dataset data = load_dataset(folder.path());
+  CHECK(data.find("train")->views.size() == 8 * 6 - 1);
+  for (const View& view : data.find("train")->views) {
+    CHECK(view.name != "im3_down");
+    CHECK(view.masked == (view.picture == "im3"));
+  }
+}
+
 TEST_CASE("colmap: every model of the binary files", "[colmap]") {
   TempFolder folder;
-  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16};
-  for (int model = 0; model < 12; ++model) {
+  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2};
+  const std::set<int> one_focal{0, 2, 3, 8, 9, 12, 14};
+  for (int model = 0; model < 18; ++model) {
     std::vector<double> p{200};
-    if (counts[model] % 2 == 0 && model != 2 && model != 8) p.push_back(201);
-    if (model == 7) p.push_back(201);
-    p.insert(p.end(), {160, 120});
+    if (!one_focal.contains(model)) p.push_back(201);
+    if (model == 17)
+      p = {200 * 2 * std::acos(-1.0), 240};
+    else
+      p.insert(p.end(), {160, 120});
     while (static_cast<int>(p.size()) < counts[model]) p.push_back(0.01);
     put(folder / "sparse/0/cameras.bin", binary_camera(model, p));
     put(folder / "sparse/0/images.bin", binary_image("a/b.jpg", 2));
     const ColmapModel read = read_colmap_model(folder / "sparse/0");
     const Lens& lens = read.cameras.at(7).lens;
     INFO(read.cameras.at(7).model);
-    CHECK(lens.fx == 200);
-    CHECK(lens.cx == 160);
+    CHECK(lens.fx == Approx(200));
+    if (model != 17) CHECK(lens.cx == 160);
     CHECK(lens.cy == 120);
     CHECK(lens.distorted() == (model > 1));
     CHECK(read.images.at(0).name == "a/b.jpg");
     CHECK(read.images[0].translation == std::array<double, 3>{1, 2, 3});
   }
   put(folder / "sparse/0/cameras.bin", binary_camera(99, {1}));
-  CHECK_THAT(message_of([&] { read_colmap_model(folder / "sparse/0"); }), Contains("model number 99"));
+  CHECK_THAT(message_of([&] { read_colmap_model(folder / "sparse/0"); }),
+             Contains("model number 99") && Contains("16 EUCM, 17 EQUIRECTANGULAR"));
 }
 
 TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
@@ -386,9 +454,9 @@ TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
     CHECK(read_colmap_model(folder / "sparse/0").images.size() == 1);
   }
   put(folder / "sparse/0/cameras.txt", "1 PINHOLE 64 48 50\n");
-  CHECK_THAT(message(), Contains("cameras.txt:1: model PINHOLE has 4 parameters, found 1"));
+  CHECK_THAT(message(), Contains("cameras.txt:1: model PINHOLE has 4 parameters (fx fy cx cy), found 1"));
   put(folder / "sparse/0/cameras.txt", "1 MAGIC 64 48 50\n");
-  CHECK_THAT(message(), Contains("'MAGIC' is not known"));
+  CHECK_THAT(message(), Contains("'MAGIC' is not known") && Contains("12 SIMPLE_DIVISION"));
 
   std::string huge;
   add<std::uint64_t>(huge, ~0ull);

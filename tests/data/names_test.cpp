@@ -266,6 +266,12 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 -nan(ind) 0 0 0 nan 0 0 1 b.png\n\n");
        }},
+      {"a fisheye picture of more than 180 degrees", "1 wide images became 6 pinhole views",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 160, 120);
+         put_model(f / "sparse/0", {"a.png"});
+         put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 160 120 40 40 80 60 0 0 0 0\n");
+       }},
       {"the rim of a fisheye picture", "% of the picture left out",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // nerfstudio, LLFF and N3V folders, and the recognition of layouts.
+#include <cctype>
+#include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "host/data/colmap.hpp"
 #include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/undistort.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "tests/support/data.hpp"
@@ -131,12 +135,51 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
   CHECK(data.find("test")->views[0].name == "f1");
 
   const auto refusal = [&](const std::string& json) { return message_of([&] { load(json); }); };
-  CHECK_THAT(refusal(nerfstudio_json(kHead + R"("camera_model": "EQUIRECTANGULAR", )")),
-             Contains("EQUIRECTANGULAR"));
+  CHECK_THAT(refusal(nerfstudio_json(kHead + R"("camera_model": "VR180_L", )")),
+             Contains("'VR180_L' is not known") && Contains("PERSPECTIVE") && Contains("EQUIRECTANGULAR"));
   CHECK_THAT(refusal(nerfstudio_json(kHead + R"("k4": 0.1, )")), Contains("'k4'"));
   CHECK_THAT(refusal(nerfstudio_json(kHead, R"(, "mask_path": "none.png")")),
              Contains("frame 0: the mask 'none.png' is not there") && Contains("looked for in"));
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
+}
+
+// Every name of the table, in any case, with its own parameters: the view is that of a COLMAP model with
+// them.
+TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
+  for (const LensModel& model : lens_models()) {
+    const TempFolder folder;
+    put_frames(folder);
+    std::string name(model.name),
+        fields = R"("w": 64, "h": 48, "fl_x": 50, "fl_y": 50, "cx": 30, "cy": 26, )";
+    std::ranges::transform(name, name.begin(), [](char c) { return static_cast<char>(std::tolower(c)); });
+    std::vector<double> parameters;
+    double next = 0.02;
+    for (const std::string_view parameter : words_of(model.parameters)) {
+      const std::map<std::string_view, double> fixed{{"f", 50},     {"fx", 50},    {"fy", 50}, {"cx", 30},
+                                                     {"cy", 26},    {"w", 64},     {"h", 48},  {"alpha", 0.4},
+                                                     {"beta", 1.2}, {"omega", 0.5}};
+      const auto found = fixed.find(parameter);
+      parameters.push_back(found != fixed.end() ? found->second : (next *= -0.7));
+      fields += fmt::format("\"{}\": {}, ", parameter, parameters.back());
+    }
+    // A 'w' and 'h' above are the size of the image in this file.
+    put(folder / "transforms.json",
+        nerfstudio_json(fields + fmt::format("\"camera_model\": \"{}\", ", name)));
+    INFO(name);
+    const Dataset data = load_dataset(folder.path());
+    const Lens lens = make_colmap_camera(std::string(model.name), 64, 48, parameters, "test").lens;
+    const Camera& camera = data.splits[0].views[0].camera;
+    if (!lens.distorted()) {
+      CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{lens.fx, lens.cx, lens.cy});
+      continue;
+    }
+    const std::vector<Undistortion> plans = plan_views(lens, "test");
+    const Undistortion& plan = plans.size() == 6 ? plans[2] : plans[0];  // by name "back" is the first
+    CHECK(data.splits[0].views.size() == 3 * plans.size());
+    CHECK(data.splits[0].views[0].picture == (plans.size() == 6 ? "f1" : ""));
+    CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{plan.fx, plan.cx, plan.cy});
+    CHECK(std::array{camera.width, camera.height} == std::array{plan.width, plan.height});
+  }
 }
 
 TEST_CASE("nerfstudio: a size with a fraction is that of an image less than a pixel away", "[nerfstudio]") {

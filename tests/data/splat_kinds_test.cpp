@@ -623,6 +623,16 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
                document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}}}});
              }));
        }},
+      {"usda",
+       [&](const auto& path) {
+         write_usda(path, splats);
+         put(path, replaced(get(path), "    point3f[]", "    float surplus = 1\n    point3f[]"));
+       }},
+      {"usda",
+       [&](const auto& path) {
+         write_usda(path, splats);
+         put(path, get(path) + "def Mesh \"surplus\" {}\n");
+       }},
       // A record has 32 bytes, all of which are used; what is dropped is counted.
       {"splat", [&](const auto& path) {
          write_splat32(path, random_splats(2, 0));
@@ -634,6 +644,8 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
                                                       {"splat", "1 dropped: position not finite"}};
   for (const SplatFormat& format : splat_formats()) {
     INFO(format.name);
+    // OpenUSD turns the binary form into text, which the same reader reads (tests/data/usd_test.py).
+    if (format.name == "usdc") continue;
     REQUIRE(surplus.contains(format.name));
     const auto [begin, end] = surplus.equal_range(format.name);
     for (auto row = begin; row != end; ++row) {
@@ -643,6 +655,10 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
       const std::string remarks = remarks_of(path);
       if (format.name == "glb" && contains(remarks, "primitives")) {
         CHECK_THAT(remarks, Contains("1 primitives without splats are not used"));
+        continue;
+      }
+      if (format.name == "usda" && contains(remarks, "prims")) {
+        CHECK_THAT(remarks, Contains("1 prims without splats are not used"));
         continue;
       }
       CHECK_THAT(remarks, Contains(words.contains(format.name) ? words.at(format.name) : "surplus"));

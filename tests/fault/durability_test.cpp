@@ -83,6 +83,7 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
       "convert run/model.ply o/g.ply --to 3dgs",
       "convert run/model.ply o/c.spz",
       "convert run/model.ply o/c.splat",
+      "convert run/model.ply o/c.usda",
       "convert m.3dgs.ply o/i.ply",
       "gradients --model run/model.ply --data data --view 0 --out o/d.ply",
       "reduce --model run/model.ply --data data --bound 0.1 --quiet --out o/r.ply --effects o/r.csv",
@@ -95,7 +96,8 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
   fs::create_directory(folder / "o");
   for (const char* command : commands) {
     const TracedRun run = trace_command(
-        folder, fmt::format("env UBS_TUNING_DIR=o/tuning '{}' {}", program_of(command), command), folder / "o");
+        folder, fmt::format("env UBS_TUNING_DIR=o/tuning '{}' {}", program_of(command), command),
+        folder / "o");
     INFO(command << "\n" << run.err << "\n" << to_text(run.calls));
     CHECK(run.code == 0);
     CHECK(defect(run) == "");

@@ -17,6 +17,7 @@
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
+#include "host/data/splat_series.hpp"
 #include "host/data/ubsz.hpp"
 #include "host/data/world_points.hpp"
 #include "host/data/zip.hpp"
@@ -129,6 +130,27 @@ std::vector<std::string> seed_glb() {
     write_glb(folder() / "s.glb", few_splats(degree));
     seeds.push_back(get(folder() / "s.glb"));
   }
+  return seeds;
+}
+
+void run_usda(Data d) {
+  const std::string text(reinterpret_cast<const char*>(d.data()), d.size());
+  expect_error_only([&] { import_all(parse_usda(text, "fuzz")); });
+  expect_error_only([&] { import_all(parse_usda(text, "fuzz", 0.6)); });
+}
+std::vector<std::string> seed_usda() {
+  std::vector<std::string> seeds;
+  for (const int degree : {0, 2}) {
+    std::vector<ImportedSplats> moments(2, few_splats(degree));
+    for (ImportedSplats& splats : moments) splats.offset = {1, 2, 3};
+    moments[1].positions[0][0] = 7;
+    write_usda_series(folder() / "s.usda", SplatSeries(moments));
+    seeds.push_back(get(folder() / "s.usda"));
+  }
+  seeds.push_back(
+      "#usda 1.0\n( doc = \"x\"\n upAxis = \"Z\" )\ndef Xform \"X\" ( prepend references = @a@</b> ) {\n"
+      "def ParticleField3DGaussianSplat \"S\" { point3h[] positionsh = [(1,2,3)]\n quatd xformOp:orient = "
+      "(1,0,0,0)\n uniform token[] xformOpOrder = [\"xformOp:orient\"] rel a = </b> } }\n");
   return seeds;
 }
 
@@ -245,8 +267,8 @@ std::vector<std::string> seed_colmap_text() {
 }
 std::vector<std::string> seed_colmap_binary() {
   std::vector<std::string> seeds;
-  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16};
-  for (int model = 0; model < 12; ++model) {
+  const int counts[] = {3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2};
+  for (int model = 0; model < 18; ++model) {
     std::string cameras, images, points;
     add<std::uint64_t>(cameras, 1), add<std::uint32_t>(cameras, 1), add<std::int32_t>(cameras, model);
     add<std::uint64_t>(cameras, 64), add<std::uint64_t>(cameras, 48);
@@ -376,6 +398,7 @@ std::span<const Target> targets() {
       {"glb", run_glb, seed_glb},
       {"sog", run_sog, seed_sog},
       {"streamed_sog", run_streamed_sog, seed_streamed_sog},
+      {"usda", run_usda, seed_usda},
   };
   return kTargets;
 }

@@ -13,7 +13,7 @@ namespace ubs::accuracy {
 namespace {
 
 constexpr float kFarAway = -1e6f;  // [px]
-constexpr float kReach = 9;        // r beyond which no kernel has a part
+constexpr float kReach = 11.1f;    // r beyond which no kernel has a part
 
 using Factor = std::array<double, 3>;  // L00, L01, L11
 

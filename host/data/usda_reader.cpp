@@ -1,0 +1,704 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads splats from the text form of OpenUSD; see foreign_formats.hpp. The parser walks through prims and
+// their properties, and remembers where the value of each property stands in the text. Numbers are read only
+// from the values that are needed. References, payloads, sublayers and variants are not followed.
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "host/base/error.hpp"
+#include "host/base/file.hpp"
+#include "host/data/foreign_formats.hpp"
+
+namespace ubs {
+namespace {
+
+constexpr const char* kUsdSplatType = "ParticleField3DGaussianSplat";
+constexpr std::size_t kUsdMaxDepth = 200;  // of prims in prims
+constexpr std::size_t kUsdNone = std::numeric_limits<std::size_t>::max();
+constexpr double kUsdRounding = 1e-6;  // of operations that turn and scale nothing
+
+// Where the values of a property stand in the text.
+struct UsdProperty {
+  std::size_t value = kUsdNone;
+  std::vector<std::pair<double, std::size_t>> samples;  // time code, value
+};
+
+struct UsdPrim {
+  std::string type, name;
+  std::size_t parent = kUsdNone;
+  bool drawn = true;  // a definition, active, below prims that are such
+  std::map<std::string, UsdProperty, std::less<>> properties;
+};
+
+struct UsdLayer {
+  std::map<std::string, std::size_t, std::less<>> metadata;  // of the layer
+  std::vector<UsdPrim> prims;
+  std::set<std::string> arcs;  // what refers to other files, or chooses among parts of this one
+};
+
+class UsdaParser {
+ public:
+  UsdaParser(std::string_view text, const std::string& name) : text_(text), name_(name) {}
+
+  UsdLayer parse() {
+    if (!text_.starts_with("#usda ")) fail(ErrorKind::data, "{}: not a USD text file", name_);
+    UsdLayer layer;
+    if (peek() == '(')
+      metadata([&](const std::string& key) {
+        layer.metadata[key] = at_;
+        note_arc(layer, key);
+      });
+    while (peek() != '\0') prim_or_statement(layer, kUsdNone, 0);
+    return layer;
+  }
+
+  // ---- Values, read at the place where they stand ----
+
+  // Sets `values` to the numbers of an array whose elements have `width` numbers. Returns false for None.
+  bool read_array(std::size_t at, std::size_t width, std::vector<float>& values) {
+    at_ = at;
+    values.clear();
+    if (peek() != '[') {
+      if (word() == "None") return false;
+      error("expected an array");
+    }
+    ++at_;
+    while (peek() != ']') {
+      if (width > 1) expect('(');
+      for (std::size_t k = 0; k < width; ++k) {
+        if (k > 0) expect(',');
+        values.push_back(number<float>());
+      }
+      if (width > 1) expect(')');
+      if (peek() == ',') ++at_;
+    }
+    return true;
+  }
+
+  // Returns the numbers of a single value: a number, a tuple, or a tuple of tuples.
+  std::vector<double> read_numbers(std::size_t at) {
+    constexpr std::size_t kMost = 16;
+    at_ = at;
+    std::vector<double> values;
+    std::size_t depth = 0;
+    do {
+      const char c = peek();
+      if (c == '(') {
+        ++depth, ++at_;
+      } else if (c == ')' && depth > 0) {
+        --depth, ++at_;
+      } else if (c == ',' && depth > 0) {
+        ++at_;
+      } else {
+        values.push_back(number<double>());
+      }
+    } while (depth > 0 && values.size() <= kMost);
+    return values;
+  }
+
+  // Returns a string or token.
+  std::string read_text(std::size_t at) {
+    at_ = at;
+    return peek() == '"' || peek() == '\'' ? string() : std::string(word());
+  }
+
+  // Returns the strings of an array of them.
+  std::vector<std::string> read_texts(std::size_t at) {
+    at_ = at;
+    std::vector<std::string> texts;
+    if (peek() != '[') return texts;
+    ++at_;
+    while (peek() != ']') {
+      texts.push_back(string());
+      if (peek() == ',') ++at_;
+    }
+    return texts;
+  }
+
+ private:
+  [[noreturn]] void error(const std::string& what) const {
+    const std::size_t end = std::min(at_, text_.size());
+    const auto line = 1 + std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(end), '\n');
+    fail(ErrorKind::data, "{}, line {}: {}", name_, line, what);
+  }
+
+  // The next character that is neither blank nor part of a comment; 0 at the end.
+  char peek() {
+    while (at_ < text_.size()) {
+      const char c = text_[at_];
+      if (c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == ';') {
+        ++at_;
+      } else if (c == '#' || text_.substr(at_, 2) == "//") {
+        at_ = std::min(text_.find('\n', at_), text_.size());
+      } else if (text_.substr(at_, 2) == "/*") {
+        const std::size_t end = text_.find("*/", at_ + 2);
+        if (end == std::string_view::npos) error("a comment that does not end");
+        at_ = end + 2;
+      } else {
+        if (c == '\0') error("a byte 0 in a text file");
+        return c;
+      }
+    }
+    return '\0';
+  }
+
+  void expect(char c) {
+    if (peek() != c) {
+      if (at_ >= text_.size()) error("the file ends too early");
+      error(fmt::format("expected '{}', found '{}'", c, shortened_rest()));
+    }
+    ++at_;
+  }
+
+  std::string shortened_rest() const {
+    std::string rest(text_.substr(at_, 20));
+    std::ranges::replace_if(
+        rest, [](unsigned char c) { return c < 32 || c > 126; }, ' ');
+    return rest;
+  }
+
+  // A keyword, type or name: up to a blank or a character that has a meaning of its own.
+  std::string_view word() {
+    if (peek() == '\0') error("the file ends too early");
+    const std::size_t begin = at_;
+    while (at_ < text_.size() &&
+           std::string_view(" \t\r\n;=()[]{},\"'@<#").find(text_[at_]) == std::string_view::npos)
+      ++at_;
+    if (at_ == begin) error(fmt::format("found '{}' where a name was expected", shortened_rest()));
+    return text_.substr(begin, at_ - begin);
+  }
+
+  template <typename Number>
+  Number number() {
+    const std::string_view digits = word();
+    Number value{};
+    const char* const begin = digits.data() + digits.starts_with('+');
+    const char* const end = digits.data() + digits.size();
+    const auto [stop, code] = std::from_chars(begin, end, value);
+    if (stop != end || code == std::errc::invalid_argument)
+      error(fmt::format("'{}' is not a number", digits.substr(0, 40)));
+    // Too large, or too small: from_chars leaves the value alone.
+    if (code == std::errc::result_out_of_range) {
+      const std::size_t exponent = digits.find_first_of("eE");
+      const bool tiny = exponent != std::string_view::npos && digits.substr(exponent + 1).starts_with('-');
+      value = tiny ? Number{0} : std::numeric_limits<Number>::infinity();
+    }
+    return value;
+  }
+
+  // Skips a string in any of its four forms, and returns what is in it with its escapes as they stand.
+  std::string string() {
+    const char quote = peek();
+    if (quote != '"' && quote != '\'') error(fmt::format("expected a string, found '{}'", shortened_rest()));
+    const std::string three(3, quote);
+    const std::string_view end =
+        text_.substr(at_).starts_with(three) ? std::string_view(three) : std::string_view(three).substr(2);
+    const std::size_t begin = at_ + end.size();
+    for (at_ = begin; at_ < text_.size() && !text_.substr(at_).starts_with(end);)
+      at_ += text_[at_] == '\\' ? 2 : 1;
+    if (at_ >= text_.size()) error("a string that does not end");
+    const std::string content(text_.substr(begin, at_ - begin));
+    at_ += end.size();
+    return content;
+  }
+
+  void skip_to(std::string_view end, const char* what) {
+    const std::size_t found = text_.find(end, at_);
+    if (found == std::string_view::npos) error(fmt::format("{} that does not end", what));
+    at_ = found + end.size();
+  }
+
+  void skip_asset() {
+    const bool three = text_.substr(at_).starts_with("@@@");
+    at_ += three ? 3 : 1;
+    skip_to(three ? "@@@" : "@", "an asset path");
+    while (three && at_ < text_.size() && text_[at_] == '@') ++at_;
+  }
+
+  // One string, asset path, path or bracket, or one word; returns how the depth of brackets changed.
+  int skip_token() {
+    switch (peek()) {
+      case '"':
+      case '\'':
+        string();
+        return 0;
+      case '@':
+        skip_asset();
+        return 0;
+      case '<':
+        skip_to(">", "a path");
+        return 0;
+      case '(':
+      case '[':
+      case '{':
+        ++at_;
+        return 1;
+      case ')':
+      case ']':
+      case '}':
+        ++at_;
+        return -1;
+      case '=':
+      case ',':
+        ++at_;
+        return 0;
+      default:
+        word();
+        return 0;
+    }
+  }
+
+  void skip_value() {
+    const bool reference = peek() == '@' || peek() == '<';
+    int depth = 0;
+    do depth += skip_token();
+    while (depth > 0);
+    if (depth < 0) error("a bracket that nothing opens");
+    if (!reference) return;
+    if (peek() == '<') skip_to(">", "a path");  // the prim in the file
+    if (peek() == '(') skip_value();            // shifts its time
+  }
+
+  // `found` is called for each entry, with the parser at its value.
+  template <typename Found>
+  void metadata(const Found& found) {
+    expect('(');
+    while (peek() != ')') {
+      if (peek() == '"' || peek() == '\'') {
+        string();
+        continue;
+      }
+      std::string key(word());
+      while (peek() != '=' && peek() != ')' && peek() != '\0') key = word();  // behind "prepend"
+      if (peek() != '=') error("metadata without a value");
+      ++at_;
+      peek();
+      const std::size_t value = at_;
+      found(key);
+      at_ = value;
+      skip_value();
+    }
+    ++at_;
+  }
+
+  static void note_arc(UsdLayer& layer, const std::string& key) {
+    for (const char* arc :
+         {"subLayers", "references", "payload", "inherits", "specializes", "variants", "clips"})
+      if (key == arc) layer.arcs.insert(key);
+  }
+
+  // What stands in a layer or a prim.
+  void prim_or_statement(UsdLayer& layer, std::size_t parent, std::size_t depth) {
+    const std::string first(word());
+    if (first == "def" || first == "over" || first == "class") return prim(layer, parent, depth, first);
+    if (first == "variantSet") {
+      layer.arcs.insert(first);
+      string();
+      expect('=');
+      return skip_value();
+    }
+    if (first == "reorder") {
+      word();
+      expect('=');
+      return skip_value();
+    }
+    if (parent == kUsdNone) error(fmt::format("'{}' where a prim was expected", first.substr(0, 40)));
+    property(layer.prims[parent], first);
+  }
+
+  void prim(UsdLayer& layer, std::size_t parent, std::size_t depth, const std::string& specifier) {
+    if (depth >= kUsdMaxDepth) error(fmt::format("more than {} prims inside each other", kUsdMaxDepth));
+    UsdPrim prim;
+    if (peek() != '"' && peek() != '\'') prim.type = word();
+    prim.name = string();
+    prim.parent = parent;
+    prim.drawn = specifier == "def" && (parent == kUsdNone || layer.prims[parent].drawn);
+    if (peek() == '(')
+      metadata([&](const std::string& key) {
+        note_arc(layer, key);
+        if (key != "active") return;
+        const std::string value(word());
+        if (value == "0" || value == "false") prim.drawn = false;
+      });
+    const std::size_t index = layer.prims.size();
+    layer.prims.push_back(std::move(prim));
+    expect('{');
+    while (peek() != '}') prim_or_statement(layer, index, depth + 1);
+    ++at_;
+  }
+
+  // [custom] [uniform] type[[]] name[.timeSamples] [= value] [(metadata)]
+  void property(UsdPrim& prim, const std::string& first) {
+    std::string type = first;
+    for (const char* prefix :
+         {"prepend", "append", "delete", "add", "custom", "uniform", "varying", "config"})
+      if (type == prefix) type = word();
+    if (peek() == '[') {
+      ++at_;
+      expect(']');
+    }
+    std::string name(word());
+    const std::string_view suffix = ".timeSamples";
+    const bool samples = name.ends_with(suffix);
+    if (samples) name.resize(name.size() - suffix.size());
+    if (peek() == '=') {
+      ++at_;
+      peek();
+      UsdProperty& property = prim.properties[name];
+      if (samples) {
+        read_samples(property);
+      } else {
+        property.value = at_;
+        skip_value();
+      }
+    }
+    if (peek() == '(') metadata([](const std::string&) {});
+  }
+
+  void read_samples(UsdProperty& property) {
+    property.samples.clear();
+    expect('{');
+    while (peek() != '}') {
+      std::string_view code = word();
+      const bool joined = code.ends_with(':');
+      if (joined) code.remove_suffix(1);
+      double time = 0;
+      const auto [stop, result] = std::from_chars(code.data(), code.data() + code.size(), time);
+      if (result != std::errc() || stop != code.data() + code.size() || !std::isfinite(time))
+        error(fmt::format("'{}' is not a time code", code.substr(0, 40)));
+      if (!joined) expect(':');
+      peek();
+      property.samples.emplace_back(time, at_);
+      skip_value();
+      if (peek() == ',') ++at_;
+    }
+    ++at_;
+  }
+
+  std::string_view text_;
+  const std::string& name_;
+  std::size_t at_ = 0;
+};
+
+// ---- From properties to splats ----
+
+// Returns the number of half precision that is nearest. OpenUSD prints halves with six digits, which is
+// enough to tell them apart, but not their exact value.
+float nearest_half(float value) {
+  constexpr float kLargest = 65504;
+  constexpr int kLeastExponent = -14, kFractionBits = 10;
+  if (!(std::abs(value) <= kLargest) || value == 0) return value;
+  const int exponent = std::max(std::ilogb(value), kLeastExponent) - kFractionBits;
+  return std::ldexp(std::nearbyint(std::ldexp(value, -exponent)), exponent);
+}
+
+class UsdSplatReader {
+ public:
+  UsdSplatReader(std::string_view text, const std::string& name)
+      : name_(name), parser_(text, name), layer_(parser_.parse()) {}
+
+  ImportedSplats read(std::optional<double> time) {
+    choose_time(time);
+    const auto up = layer_.metadata.find("upAxis");
+    const std::string axis = up == layer_.metadata.end() ? "Y" : parser_.read_text(up->second);
+    turned_ = axis != "Z";
+    std::optional<ImportedSplats> splats;
+    std::size_t others = 0;
+    for (const UsdPrim& prim : layer_.prims) {
+      if (prim.type != kUsdSplatType || !prim.drawn) {
+        others += !prim.type.empty() && prim.type != "Xform" && prim.type != "Scope";
+        continue;
+      }
+      ImportedSplats part = read_prim(prim);
+      if (splats)
+        join(*splats, std::move(part));
+      else
+        splats = std::move(part);
+    }
+    if (!splats) refuse();
+    if (others > 0) splats->report.note(fmt::format("{} prims without splats are not used", others));
+    if (!layer_.arcs.empty())
+      splats->report.note(
+          fmt::format("not followed: {}", list_names({layer_.arcs.begin(), layer_.arcs.end()})));
+    if (!turned_) splats->report.note("the z axis points up: coordinates are taken as they stand");
+    note_units(*splats);
+    note_time(*splats, time.has_value());
+    splats->report.layout = "USD";
+    splats->report.folder = name_;
+    clean(*splats);
+    return std::move(*splats);
+  }
+
+ private:
+  [[noreturn]] void refuse() const {
+    const std::string found = layer_.arcs.empty()
+                                  ? ""
+                                  : fmt::format(
+                                        "; it refers to other layers or variants, which are not followed: "
+                                        "flatten it first with 'usdcat --flatten'");
+    fail(ErrorKind::data, "{}: a USD file without splats: {} prims, none of the type {}{}", name_,
+         layer_.prims.size(), kUsdSplatType, found);
+  }
+
+  // Gathers the time codes of all splats, and chooses the one that is read.
+  void choose_time(std::optional<double> time) {
+    for (const UsdPrim& prim : layer_.prims)
+      if (prim.type == kUsdSplatType && prim.drawn)
+        for (const auto& [name, property] : prim.properties)
+          for (const auto& [code, at] : property.samples) codes_.insert(code);
+    if (codes_.empty()) {
+      if (time) fail(ErrorKind::usage, "{}: --time requires a file with time samples", name_);
+      return;
+    }
+    code_ = *codes_.begin();
+    if (time) code_ = nearest(codes_, code_ + *time * (*codes_.rbegin() - code_));
+  }
+
+  static double nearest(const std::set<double>& codes, double wanted) {
+    return *std::ranges::min_element(
+        codes, [wanted](double a, double b) { return std::abs(a - wanted) < std::abs(b - wanted); });
+  }
+
+  const UsdProperty* find(const UsdPrim& prim, std::string_view name) const {
+    const auto found = prim.properties.find(name);
+    return found == prim.properties.end() ? nullptr : &found->second;
+  }
+
+  // Returns where the value of a property at the chosen time stands; kUsdNone: it has none.
+  std::size_t value_at(const UsdProperty* property) const {
+    if (!property) return kUsdNone;
+    if (property->samples.empty()) return property->value;
+    return std::ranges::min_element(property->samples,
+                                    [this](const auto& a, const auto& b) {
+                                      return std::abs(a.first - code_) < std::abs(b.first - code_);
+                                    })
+        ->second;
+  }
+
+  // Returns the values of an attribute, `width` numbers an element, in its float form or else its half form.
+  std::vector<float> array_of(const UsdPrim& prim, const std::string& name, std::size_t width) {
+    std::vector<float> values;
+    const auto has = [&](const std::string& form) {
+      const std::size_t at = value_at(find(prim, form));
+      return at != kUsdNone && parser_.read_array(at, width, values) && !values.empty();
+    };
+    if (has(name)) return values;
+    if (!has(name + "h")) return {};
+    std::ranges::transform(values, values.begin(), nearest_half);
+    return values;
+  }
+
+  // The rule of the schema: longer arrays are cut, shorter ones are ignored.
+  bool fits(const UsdPrim& prim, const char* name, std::size_t size, std::size_t expected,
+            LoadReport& report) {
+    if (size == 0) {
+      report.note(fmt::format("{}: no {}: the schema's default is used", prim.name, name));
+      return false;
+    }
+    if (size < expected)
+      report.note(fmt::format("{}: {} numbers of {} are too few for its splats: the schema's default is used",
+                              prim.name, size, name));
+    if (size > expected)
+      report.note(fmt::format("{}: {} has more numbers than its splats need", prim.name, name));
+    return size >= expected;
+  }
+
+  ImportedSplats read_prim(const UsdPrim& prim) {
+    const std::vector<float> places = array_of(prim, "positions", 3);
+    const std::size_t count = places.size() / 3;
+    ImportedSplats splats;
+    std::vector<float> scales = array_of(prim, "scales", 3), opacities = array_of(prim, "opacities", 1);
+    const std::vector<float> turns = array_of(prim, "orientations", 4);
+    LoadReport& report = splats.report;
+    if (count > 0) {
+      if (!fits(prim, "scales", scales.size(), 3 * count, report)) scales.assign(3 * count, 1.0f);
+      if (!fits(prim, "opacities", opacities.size(), count, report)) opacities.assign(count, 1.0f);
+      check_range("scales", "linear scales (are these logarithms?)", scales, 0,
+                  std::numeric_limits<float>::infinity());
+      check_range("opacities", "opacities from 0 to 1 (are these logits?)", opacities, 0, 1);
+    }
+    const bool turns_fit = count > 0 && fits(prim, "orientations", turns.size(), 4 * count, report);
+    const std::size_t stored = read_colours(prim, count, splats);
+    const float flip = turned_ ? -1.0f : 1.0f;
+    splats.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const float* const p = &places[3 * i];
+      splats.positions[i] = {p[0], flip * p[1], flip * p[2]};
+      splats.rotations[i] = {1, 0, 0, 0};
+      if (turns_fit)
+        splats.rotations[i] = {turns[4 * i], turns[4 * i + 1], flip * turns[4 * i + 2],
+                               flip * turns[4 * i + 3]};
+      for (std::size_t k = 0; k < 3; ++k) splats.log_scales[i][k] = std::log(scales[3 * i + k]);
+      splats.opacity_logits[i] = logit_of(opacities[i]);
+      if (stored == 0) continue;
+      for (std::size_t n = 0; n < splats.coefficients(); ++n) {
+        const float sign = turned_ && n > 0 ? kHalfTurnSigns[n - 1] : 1.0f;
+        for (std::size_t c = 0; c < 3; ++c)
+          splats.sh[(i * splats.coefficients() + n) * 3 + c] = sign * colours_[(i * stored + n) * 3 + c];
+      }
+    }
+    splats.offset = place_of(prim);
+    note_unused(prim, report);
+    return splats;
+  }
+
+  // Sets the degree, and colours_. Returns the stored number of coefficients of a splat; 0: there are none.
+  std::size_t read_colours(const UsdPrim& prim, std::size_t count, ImportedSplats& splats) {
+    int degree = 3;  // the schema's default
+    if (const std::size_t at = value_at(find(prim, "radiance:sphericalHarmonicsDegree")); at != kUsdNone) {
+      const std::vector<double> value = parser_.read_numbers(at);
+      if (value.size() != 1 || !(value[0] >= 0 && value[0] <= 10) || value[0] != std::floor(value[0]))
+        fail(ErrorKind::data, "{}: {}: the degree of the harmonics is not a whole number from 0 to 10", name_,
+             prim.name);
+      degree = static_cast<int>(value[0]);
+    }
+    colours_ = array_of(prim, "radiance:sphericalHarmonicsCoefficients", 3);
+    const std::size_t stored = static_cast<std::size_t>((degree + 1) * (degree + 1));
+    if (count == 0 || !fits(prim, "harmonics", colours_.size(), 3 * count * stored, splats.report)) return 0;
+    if (degree > 3) splats.report.note(fmt::format("harmonics of degree 4 to {} are not used", degree));
+    splats.sh_degree = std::min(degree, 3);
+    return stored;
+  }
+
+  void check_range(const char* name, const char* expected, std::span<const float> values, float low,
+                   float high) const {
+    constexpr float kOver = 1e-5f;
+    const auto outside = [=](float v) { return v < low - (high == 1 ? kOver : 0) || v > high + kOver; };
+    if (std::ranges::none_of(values, outside)) return;
+    const auto [least, most] = std::ranges::minmax(values);
+    fail(ErrorKind::data, "{}: {} from {:.4g} to {:.4g}: the schema has {}", name_, name, least, most,
+         expected);
+  }
+
+  // Returns the translation of a prim and of those above it.
+  std::array<double, 3> place_of(const UsdPrim& prim) {
+    std::array<double, 3> place{};
+    for (const UsdPrim* at = &prim;; at = &layer_.prims[at->parent]) {
+      const bool resets = add_place(*at, place);
+      if (resets || at->parent == kUsdNone) break;
+    }
+    if (turned_)
+      for (std::size_t k = 1; k < 3; ++k) place[k] = 0 - place[k];
+    return place;
+  }
+
+  // Adds the translation of one prim. Returns whether it ignores the prims above it. Throws Error(data) for
+  // operations that turn or scale; many exporters write rotations and scales that do neither.
+  bool add_place(const UsdPrim& prim, std::array<double, 3>& place) {
+    bool resets = false;
+    const std::size_t order = value_at(find(prim, "xformOpOrder"));
+    if (order == kUsdNone) return false;
+    for (std::string name : parser_.read_texts(order)) {
+      if (name == "!resetXformStack!") {
+        resets = true;
+        continue;
+      }
+      const std::string_view inverse = "!invert!";
+      const double sign = name.starts_with(inverse) ? -1 : 1;
+      if (sign < 0) name.erase(0, inverse.size());
+      const std::size_t at = value_at(find(prim, name));
+      if (at == kUsdNone) continue;
+      const std::vector<double> values = parser_.read_numbers(at);
+      const auto is_operation = [&](std::string_view kind) {
+        return name == fmt::format("xformOp:{}", kind) || name.starts_with(fmt::format("xformOp:{}:", kind));
+      };
+      if (is_operation("translate") && values.size() == 3) {
+        for (std::size_t k = 0; k < 3; ++k) place[k] += sign * values[k];
+      } else if (is_operation("transform") && values.size() == 16) {
+        for (std::size_t k = 0; k < 16; ++k)
+          if (k < 12 || k == 15) require_neutral_value(prim, name, values[k], k % 5 == 0 ? 1 : 0);
+        for (std::size_t k = 0; k < 3; ++k) place[k] += sign * values[12 + k];
+      } else if (is_operation("orient") && values.size() == 4) {
+        for (std::size_t k = 0; k < 4; ++k)
+          require_neutral_value(prim, name, k == 0 ? std::abs(values[k]) : values[k], k == 0 ? 1 : 0);
+      } else {
+        for (const double v : values) require_neutral_value(prim, name, v, is_operation("scale") ? 1 : 0);
+      }
+    }
+    return resets;
+  }
+
+  void require_neutral_value(const UsdPrim& prim, const std::string& operation, double value,
+                             double neutral) const {
+    if (!(std::abs(value - neutral) <= kUsdRounding))
+      fail(ErrorKind::data, "{}: the prim {} has the operation {}: only translations are supported", name_,
+           prim.name, operation);
+  }
+
+  // The first prim's place is the offset of all.
+  void join(ImportedSplats& splats, ImportedSplats part) const {
+    for (auto& p : part.positions)
+      for (std::size_t k = 0; k < 3; ++k)
+        p[k] = static_cast<float>(p[k] + (part.offset[k] - splats.offset[k]));
+    append(splats, part);
+  }
+
+  static void note_unused(const UsdPrim& prim, LoadReport& report) {
+    // extent, the hints and the side of surfaces change nothing here; displayColor is for programs that do
+    // not know the schema.
+    const std::set<std::string_view> used{"positions", "orientations", "scales", "opacities",
+                                          "radiance:sphericalHarmonicsCoefficients"};
+    const std::set<std::string_view> known{"radiance:sphericalHarmonicsDegree",
+                                           "extent",
+                                           "projectionModeHint",
+                                           "sortingModeHint",
+                                           "doubleSided",
+                                           "orientation",
+                                           "purpose",
+                                           "primvars:displayColor",
+                                           "primvars:displayOpacity",
+                                           "xformOpOrder"};
+    std::vector<std::string> others;
+    for (const auto& [name, property] : prim.properties) {
+      std::string_view full = name;
+      if (full.ends_with('h') && used.contains(full.substr(0, full.size() - 1))) full.remove_suffix(1);
+      if (!used.contains(full) && !known.contains(full) && !full.starts_with("xformOp:"))
+        others.push_back(name);
+    }
+    if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
+  }
+
+  void note_units(ImportedSplats& splats) {
+    const auto found = layer_.metadata.find("metersPerUnit");
+    if (found == layer_.metadata.end()) return;
+    const std::vector<double> units = parser_.read_numbers(found->second);
+    if (units.size() == 1 && units[0] != 1)
+      splats.report.note(fmt::format("a unit of {} m: coordinates are taken as they stand", units[0]));
+  }
+
+  void note_time(ImportedSplats& splats, bool chosen) const {
+    if (codes_.size() < 2) return;
+    splats.report.note(fmt::format("{} moments, time codes {} to {}: {} is read{}", codes_.size(),
+                                   *codes_.begin(), *codes_.rbegin(), code_,
+                                   chosen ? "" : "; 'ubs convert --time' reads another one"));
+  }
+
+  const std::string& name_;
+  UsdaParser parser_;
+  UsdLayer layer_;
+  std::set<double> codes_;
+  double code_ = 0;
+  bool turned_ = true;
+  std::vector<float> colours_;
+};
+
+}  // namespace
+
+ImportedSplats parse_usda(std::string_view text, const std::string& name, std::optional<double> time) {
+  return UsdSplatReader(text, name).read(time);
+}
+
+ImportedSplats read_usda(const std::filesystem::path& path) {
+  return parse_usda(read_text_file(path), path.string());
+}
+
+ImportedSplats read_usda_at(const std::filesystem::path& path, double time) {
+  return parse_usda(read_text_file(path), path.string(), time);
+}
+
+}  // namespace ubs
