@@ -141,8 +141,9 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     fail(ErrorKind::usage, "--resume continues the schedule of the run: remove --budget");
   auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
   Checkpoint checkpoint = open_checkpoint(options.resume);
-  const TrainSettings settings = given.resolve(checkpoint.settings);
+  TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
+  for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);  // all decided
   return {{.settings = settings, .fast = {}},
           options.data.empty() ? checkpoint.data : options.data,
           options.resume,

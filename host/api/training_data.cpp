@@ -176,6 +176,10 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
     data.report.notes.push_back(fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
 }
 
+bool has_wide_images(const Split& train) {
+  return std::ranges::any_of(train.views, [](const View& view) { return !view.part_of.empty(); });
+}
+
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size()
@@ -204,6 +208,7 @@ PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
     facts.mean_colour = look.mean_colour;
     facts.few_photographs = train.views.size() <= kFewPhotographs;
   }
+  facts.wide_images = has_wide_images(train);
   return facts;
 }
 
@@ -244,15 +249,8 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
                     direct ? "; direct conditioning (--conditioning covariance: as published)" : ""));
   }
   settings.conditioning_auto = false;
-  // An iteration trains one view, and the opacity penalty acts on all splats in it. The views of wide images
-  // look in all directions, so most splats have the penalty and no gradient, and fade. PSNR of test views of
-  // the control scene without and with the penalty: 39 panoramas 31.8 dB (5000 iterations) and 20.7 dB
-  // (12000), 39 fisheyes of 220 degrees 30.5 dB (3000) and 11.4 dB (12000).
-  const bool wide = std::ranges::any_of(train.views, [](const View& v) { return !v.picture.empty(); });
-  if (wide && settings.opacity_reg == TrainSettings{}.opacity_reg &&
-      !settings.chosen.contains("opacity_reg")) {
-    settings.opacity_reg = 0;
-    settings.chosen.insert("opacity_reg");
+  if (has_wide_images(train) && !settings.chosen.contains("opacity_reg")) {
+    settings.opacity_reg = kWideOpacityReg;
     data.report.notes.push_back("views of wide images: no opacity penalty (--set opacity_reg=NUMBER)");
   }
   check_query(train, settings.dim);

@@ -31,6 +31,14 @@ inline RotationMatrix transposed(const RotationMatrix& r) {
   return {r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]};
 }
 
+inline RotationMatrix product(const RotationMatrix& a, const RotationMatrix& b) {
+  RotationMatrix out{};
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t k = 0; k < 3; ++k) out[3 * i + j] += a[3 * i + k] * b[3 * k + j];
+  return out;
+}
+
 inline Vec3 rotated(const RotationMatrix& r, const Vec3& v) {
   return {r[0] * v[0] + r[1] * v[1] + r[2] * v[2], r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
           r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};

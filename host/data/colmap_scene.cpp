@@ -102,7 +102,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   }
   files.report(scene.report);
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
-  settle_picture_names(views, counts);
+  settle_image_names(views, counts);
   scene.splits = split_every(std::move(views), options.read.test_every);
   const fs::path ply = model_folder / "points3D.ply";  // some tools leave this in the place of points3D.bin
   if (!model.points.positions.empty())

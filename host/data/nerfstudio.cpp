@@ -224,7 +224,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
       named.push_back(n);
     }
   }
-  settle_picture_names(unique, counts);
+  settle_image_names(unique, counts);
   for (std::size_t i = 0; i < named.size(); ++i) {
     named[i].view = std::move(unique[i]);
     double& time = named[i].view.camera.time;

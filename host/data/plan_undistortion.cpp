@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "host/base/error.hpp"
+#include "host/base/vector3.hpp"
 #include "host/data/undistort.hpp"
 
 namespace ubs {
@@ -46,7 +47,7 @@ std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double,
 
 struct Face {
   const char* name;
-  std::array<double, 9> rotation;  // rows: right, down and forward of the face, in camera axes of the image
+  RotationMatrix rotation;  // rows: right, down and forward of the face, in camera axes of the image
 };
 constexpr Face kFaces[] = {
     {"front", {1, 0, 0, 0, 1, 0, 0, 0, 1}},  {"right", {0, 0, -1, 0, 1, 0, 1, 0, 0}},
@@ -54,15 +55,7 @@ constexpr Face kFaces[] = {
     {"up", {1, 0, 0, 0, 0, 1, 0, -1, 0}},    {"down", {1, 0, 0, 0, 0, -1, 0, 1, 0}},
 };
 
-Ray from_face(const std::array<double, 9>& m, const Ray& ray) {
-  return {m[0] * ray[0] + m[3] * ray[1] + m[6] * ray[2], m[1] * ray[0] + m[4] * ray[1] + m[7] * ray[2],
-          m[2] * ray[0] + m[5] * ray[1] + m[8] * ray[2]};
-}
-
-Ray to_face(const std::array<double, 9>& m, const Ray& ray) {
-  return {m[0] * ray[0] + m[1] * ray[1] + m[2] * ray[2], m[3] * ray[0] + m[4] * ray[1] + m[5] * ray[2],
-          m[6] * ray[0] + m[7] * ray[1] + m[8] * ray[2]};
-}
+Ray from_face(const RotationMatrix& face, const Ray& ray) { return rotated(transposed(face), ray); }
 
 double angle_to_axis(const Ray& ray) { return std::atan2(std::hypot(ray[0], ray[1]), ray[2]); }
 
@@ -101,22 +94,12 @@ std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ra
 // Returns the number of pixels of the image a radian around a ray, in the direction in which it is smallest:
 // the smaller singular value of the derivative of the projection, from small steps across the ray.
 double resolution(const Lens& lens, const Ray& ray) {
-  const double length = std::hypot(ray[0], ray[1], ray[2]);
-  const Ray z{ray[0] / length, ray[1] / length, ray[2] / length};
-  const Ray helper = std::abs(z[1]) < 0.9 ? Ray{0, 1, 0} : Ray{1, 0, 0};
-  Ray x{helper[1] * z[2] - helper[2] * z[1], helper[2] * z[0] - helper[0] * z[2],
-        helper[0] * z[1] - helper[1] * z[0]};
-  const double norm = std::hypot(x[0], x[1], x[2]);
-  for (double& c : x) c /= norm;
-  const Ray y{z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+  const Ray z = normalised(ray), x = perpendicular(z), y = cross(z, x);
   constexpr double kStep = 1e-4;
   double j[2][2] = {};
   const Ray axes[2] = {x, y};
   for (int a = 0; a < 2; ++a) {
-    Ray ahead{}, behind{};
-    for (std::size_t c = 0; c < 3; ++c)
-      ahead[c] = z[c] + kStep * axes[a][c], behind[c] = z[c] - kStep * axes[a][c];
-    const auto p = project_ray(lens, ahead), q = project_ray(lens, behind);
+    const auto p = project_ray(lens, z + kStep * axes[a]), q = project_ray(lens, z - kStep * axes[a]);
     if (!p || !q) return 0;
     for (std::size_t c = 0; c < 2; ++c) j[c][a] = ((*p)[c] - (*q)[c]) / (2 * kStep);
   }
@@ -151,8 +134,7 @@ double face_resolution(const Lens& lens, const Face& face, double max_angle) {
   for (const auto& [distance, ray] : rays)
     if (seen(lens, max_angle, ray)) {
       // At the poles of an equirectangular image the derivative is not defined; beside them it is.
-      Ray beside = ray;
-      for (std::size_t c = 0; c < 3; ++c) beside[c] += 0.02 * (c == 0 ? 1 : c == 1 ? 0.5 : 0.25);
+      const Ray beside = ray + Ray{0.02, 0.01, 0.005};
       return std::max(resolution(lens, ray), resolution(lens, beside));
     }
   return 0;
@@ -230,12 +212,10 @@ std::vector<Undistortion> plan_views(const Lens& lens, const std::string& where)
 
 Camera camera_of(const Undistortion& plan, Camera pose) {
   Camera camera = pose;
-  for (std::size_t r = 0; r < 3 && !plan.face.empty(); ++r)
-    for (std::size_t c = 0; c < 3; ++c)
-      camera.rotation[3 * r + c] = plan.rotation[3 * r] * pose.rotation[c] +
-                                   plan.rotation[3 * r + 1] * pose.rotation[3 + c] +
-                                   plan.rotation[3 * r + 2] * pose.rotation[6 + c];
-  if (!plan.face.empty()) camera.translation = to_face(plan.rotation, pose.translation);
+  if (!plan.face.empty()) {
+    camera.rotation = product(plan.rotation, pose.rotation);
+    camera.translation = rotated(plan.rotation, pose.translation);
+  }
   camera.fx = plan.fx, camera.fy = plan.fy, camera.cx = plan.cx, camera.cy = plan.cy;
   camera.width = plan.width, camera.height = plan.height;
   return camera;
@@ -249,7 +229,7 @@ double percent_left_out(const std::vector<Undistortion>& plans) {
     for (int i = 0; i < kGrid; ++i) {
       const auto ray = pixel_ray(lens, (i + 0.5) * lens.width / kGrid, (j + 0.5) * lens.height / kGrid);
       const auto shows = [&](const Undistortion& plan) {
-        const Ray r = to_face(plan.rotation, *ray);
+        const Ray r = rotated(plan.rotation, *ray);
         const double column = r[0] / r[2] * plan.fx + plan.cx, row = r[1] / r[2] * plan.fy + plan.cy;
         constexpr double kSlack = 1e-6;  // rays on the edge of two faces
         return r[2] > 0 && column >= -kSlack && column <= plan.width + kSlack && row >= -kSlack &&

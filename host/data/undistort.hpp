@@ -35,8 +35,7 @@ Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
 // Returns the faces of the cube in which the image has pixels, each cut to the part that has some. Their
 // focal length is the resolution of the image at the centre of the face: where it differs between directions,
-// the smaller one. Faces with less than 16 pixels in a direction are left out,
-// which may be all of them.
+// the smaller one. Faces with less than 16 pixels in a direction are left out, which may be all of them.
 std::vector<Undistortion> plan_faces(const Lens& lens, const std::string& where);
 
 // plan_faces() for a wide image, unless it is too small for faces; else plan_undistortion().

@@ -150,7 +150,7 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     faces.push_back(fmt::format("{} {}x{}", plan.face, plan.width, plan.height));
   report.undistort(
       pixels,
-      fmt::format("resampled {}x{} ({:.0f} degrees) to the views {} ({:.0f} % of the picture "
+      fmt::format("resampled {}x{} ({:.0f} degrees) to the views {} ({:.0f} % of the image "
                   "left out)",
                   actual.width, actual.height, degrees_covered(actual), fmt::join(faces, ", "), left_out));
   std::optional<Image8> mask_pixels;
@@ -160,7 +160,7 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
   for (const Undistortion& plan : plans) {
     if (mask_pixels && !counts_any(*mask_pixels, plan)) continue;
     View face = base;
-    face.picture = base.name;
+    face.part_of = base.name;
     face.name = base.name + "_" + plan.face;
     set_view(face, lens, plan, file, mask, options);
     views.push_back(std::move(face));
@@ -174,15 +174,15 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
 
 std::vector<Split> split_every(std::vector<View> views, int test_every) {
   std::ranges::stable_sort(views, {}, [](const View& view) {
-    return std::pair<const std::string&, const std::string&>(view.picture.empty() ? view.name : view.picture,
+    return std::pair<const std::string&, const std::string&>(view.part_of.empty() ? view.name : view.part_of,
                                                              view.name);
   });
   Split train{"train", {}}, test{"test", {}};
   std::size_t images = 0;
-  std::string picture;
+  std::string image;  // that the view before is a part of
   for (View& view : views) {
-    if (view.picture.empty() || view.picture != picture) ++images;
-    picture = view.picture;
+    if (view.part_of.empty() || view.part_of != image) ++images;
+    image = view.part_of;
     const bool held = test_every > 0 && (images - 1) % static_cast<std::size_t>(test_every) == 0;
     (held ? test : train).views.push_back(std::move(view));
   }

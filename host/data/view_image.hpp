@@ -25,14 +25,13 @@ bool attach_image(View& view, const Lens& lens, const std::filesystem::path& fil
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 
 // Appends the views of an image of any lens: one, or those of a wide image (undistort.hpp), named after
-// `view` with the face as their end (NAME_front), less those that the mask leaves nothing of. Returns their
-// number.
+// `view` and the face (NAME_front), without those in which the mask leaves no pixel. Returns their number.
 std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens,
                          const std::filesystem::path& file, const std::filesystem::path& mask,
                          const DatasetOptions& options, LoadReport& report);
 
 // Sorts images by name and deals them out: every n-th to test (method.md 4.5), the rest to train. All views
-// of one image (View::picture) go to the same split.
+// of one image (View::part_of) go to the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
 // "cam1/0001.jpg" -> "cam1_0001": names become file names.

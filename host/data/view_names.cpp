@@ -82,11 +82,11 @@ void settle_view_names(std::vector<View>& views) {
   }
 }
 
-void settle_picture_names(std::vector<View>& views, const std::vector<std::size_t>& counts) {
+void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>& counts) {
   std::vector<View> images;
   std::size_t at = 0;
   for (const std::size_t count : counts) {
-    images.emplace_back().name = views.at(at).picture.empty() ? views[at].name : views[at].picture;
+    images.emplace_back().name = views.at(at).part_of.empty() ? views[at].name : views[at].part_of;
     at += count;
   }
   settle_view_names(images);
@@ -94,9 +94,9 @@ void settle_picture_names(std::vector<View>& views, const std::vector<std::size_
   for (std::size_t i = 0; i < counts.size(); ++i)
     for (std::size_t k = 0; k < counts[i]; ++k, ++at) {
       View& view = views[at];
-      const std::string end = view.picture.empty() ? "" : view.name.substr(view.picture.size());
+      const std::string end = view.part_of.empty() ? "" : view.name.substr(view.part_of.size());
       view.name = images[i].name + end;
-      if (!view.picture.empty()) view.picture = images[i].name;
+      if (!view.part_of.empty()) view.part_of = images[i].name;
     }
   settle_view_names(views);
 }

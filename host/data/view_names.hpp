@@ -24,7 +24,7 @@ std::string safe_file_name(std::string_view name);
 void settle_view_names(std::vector<View>& views);
 
 // settle_view_names for views of which those of one image stand together: counts[i] views are of image i. The
-// names of images are settled first, so that views of one image keep the same beginning, View::picture.
-void settle_picture_names(std::vector<View>& views, const std::vector<std::size_t>& counts);
+// names of images are settled first, so that views of one image keep the same beginning, View::part_of.
+void settle_image_names(std::vector<View>& views, const std::vector<std::size_t>& counts);
 
 }  // namespace ubs

@@ -8,14 +8,6 @@
 namespace ubs {
 namespace {
 
-RotationMatrix product(const RotationMatrix& a, const RotationMatrix& b) {
-  RotationMatrix out{};
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j)
-      for (std::size_t k = 0; k < 3; ++k) out[3 * i + j] += a[3 * i + k] * b[3 * k + j];
-  return out;
-}
-
 struct Centres {
   Vec3 mean{};
   double spread = 0;  // sum of squared distances from it

@@ -47,7 +47,7 @@ struct View {
   std::shared_ptr<const ImageSource> source;
   bool masked = false;           // the image comes with a mask
   bool opaque = false;           // its file is known to have no alpha: nothing of a background is in it
-  std::string picture{};         // of a view that shows a part of a wide image: the name of that image
+  std::string part_of{};         // of a view that shows a part of a wide image: the name of that image
   std::filesystem::path file{};  // of the image; empty if there is none, or it is in a video or packed file
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }

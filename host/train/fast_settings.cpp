@@ -114,8 +114,10 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (moves(s) && is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
   if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
-  if (pictures.few_photographs && is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
-    s.opacity_reg = kFewOpacityReg;
+  if (is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
+    s.opacity_reg = pictures.wide_images       ? kWideOpacityReg
+                    : pictures.few_photographs ? kFewOpacityReg
+                                               : s.opacity_reg;
   if (points == 0 && is_free(s, "lr_xyz", s.lr_xyz, standard.lr_xyz))
     s.lr_xyz = std::clamp(kFarTravel / iterations, standard.lr_xyz, kFastest);
   const int interval = refine_interval(iterations);

@@ -12,6 +12,7 @@
 #include "host/data/blender.hpp"
 #include "host/train/checkpoint.hpp"
 #include "tests/support/data.hpp"
+#include "tests/support/images.hpp"
 #include "tests/support/lenient_kernels.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
@@ -118,6 +119,40 @@ TEST_CASE("cli: the checkpoint of another run is not continued in this one's fol
   fs::create_directories(folder / "new");
   fs::copy_file(folder / "other/checkpoint.ubs", folder / "new/checkpoint.ubs");
   CHECK(run_ubs(folder, "train --resume new --quiet").code == 0);
+}
+
+TEST_CASE("cli: views of wide images have no opacity penalty unless somebody chooses one") {
+  const TempFolder folder;
+  json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", json::array()}};
+  for (int i = 0; i < 3; ++i) {
+    const std::string name = fmt::format("{}.png", i);
+    test::put_image(folder / "data" / name, 128, 64, 40 * i);
+    data["frames"].push_back(
+        {{"file_path", name},
+         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}});
+  }
+  put(folder / "data/transforms.json", data.dump());
+  const auto penalty = [&](const std::string& out) {
+    return json::parse(get(folder / out / "metrics.json"))["settings"]["opacity_reg"].get<double>();
+  };
+  const std::string train = "train --data data --quiet --dim 3 --init-points 50 --cap-max 100 --out ";
+  ubs_ok(folder, train + "a --iterations 2");
+  CHECK(penalty("a") == 0);
+  ubs_ok(folder, train + "b --budget 4s");
+  CHECK(penalty("b") == 0);
+  // What was chosen stays when the run is continued.
+  const std::string start =
+      "\"$ubs\" " + train + "c --iterations 100000 --opacity-reg 0.01 --checkpoint-every 5";
+  for (const std::string& command : {start, std::string("\"$ubs\" train --resume c --quiet")}) {
+    const Result stopped = shell(folder, "touch c.before; " + command +
+                                             " & pid=$!\nuntil [ -e c/checkpoint.ubs ] && ! cmp -s "
+                                             "c.before c/checkpoint.ubs; do sleep 0.1; done\n"
+                                             "kill -INT $pid; wait $pid; code=$?\n"
+                                             "cp c/checkpoint.ubs c.before; exit $code");
+    INFO(command << ": " << stopped.err);
+    CHECK(stopped.code == 130);
+    CHECK(penalty("c") == 0.01);
+  }
 }
 
 TEST_CASE("cli: what cannot be continued is one line") {

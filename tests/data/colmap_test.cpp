@@ -350,11 +350,11 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
   for (const Split& split : data.splits)
     for (const View& view : split.views) {
       names.insert(view.name);
-      CHECK(view.name.starts_with(view.picture + "_"));
-      CHECK((view.picture == "im0" || view.picture == "im8") == (split.name == "test"));
+      CHECK(view.name.starts_with(view.part_of + "_"));
+      CHECK((view.part_of == "im0" || view.part_of == "im8") == (split.name == "test"));
       CHECK(view.image.width == view.camera.width);
       CHECK(view.camera.fx == view.camera.width / 2.0);
-      CHECK(view.camera.centre()[0] == Approx(-(view.picture[2] - '0')).margin(1e-12));  // t = (i, 0, 0)
+      CHECK(view.camera.centre()[0] == Approx(-(view.part_of[2] - '0')).margin(1e-12));  // t = (i, 0, 0)
       CHECK_FALSE(view.masked);
     }
   CHECK(names.size() == 60);
@@ -394,7 +394,7 @@ TEST_CASE("colmap: the mask of a wide image goes to its views", "[colmap]") {
   CHECK(data.find("train")->views.size() == 8 * 6 - 1);
   for (const View& view : data.find("train")->views) {
     CHECK(view.name != "im3_down");
-    CHECK(view.masked == (view.picture == "im3"));
+    CHECK(view.masked == (view.part_of == "im3"));
   }
 }
 

@@ -21,9 +21,10 @@ except (ImportError, AssertionError):
     print("SKIPPED: needs numpy and Pillow with WebP")
     sys.exit(77)
 
+from gaussian_maths import colour, covariances
+
 UBS = sys.argv[1]
 COUNT, DEGREE = 500, 3
-C0 = 0.28209479177387814
 
 
 def ubs(*arguments):
@@ -48,44 +49,6 @@ def read_ply(path):
     names = [line.split()[-1] for line in head.decode().split("\n") if line.startswith("property")]
     table = np.frombuffer(body, "<f4").reshape(-1, len(names))
     return table[:, [names.index(n) for n in columns()]]
-
-
-def covariances(scale, wxyz):
-    w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T
-    r = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    ).transpose(2, 0, 1)
-    m = r * scale[:, None, :]
-    return m @ m.transpose(0, 2, 1)
-
-
-# The harmonics as both specifications give them; sh is (n, 16, 3), d (n, 3).
-def colour(sh, d):
-    x, y, z = d.T
-    xx, yy, zz = x * x, y * y, z * z
-    basis = [
-        C0 + 0 * x,
-        -0.4886025119029199 * y,
-        0.4886025119029199 * z,
-        -0.4886025119029199 * x,
-        1.092548430592079 * x * y,
-        -1.092548430592079 * y * z,
-        0.3153915652525200 * (2 * zz - xx - yy),
-        -1.092548430592079 * x * z,
-        0.5462742152960396 * (xx - yy),
-        -0.5900435899266435 * y * (3 * xx - yy),
-        2.890611442640554 * x * y * z,
-        -0.4570457994644657 * y * (4 * zz - xx - yy),
-        0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-        -0.4570457994644657 * x * (4 * zz - xx - yy),
-        1.445305721320277 * z * (xx - yy),
-        -0.5900435899266435 * x * (xx - 3 * yy),
-    ]
-    return 0.5 + np.einsum("kn,nkc->nc", np.array(basis), sh)
 
 
 def sh_of(table):

@@ -176,7 +176,7 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
     const std::vector<Undistortion> plans = plan_views(lens, "test");
     const Undistortion& plan = plans.size() == 6 ? plans[2] : plans[0];  // by name "back" is the first
     CHECK(data.splits[0].views.size() == 3 * plans.size());
-    CHECK(data.splits[0].views[0].picture == (plans.size() == 6 ? "f1" : ""));
+    CHECK(data.splits[0].views[0].part_of == (plans.size() == 6 ? "f1" : ""));
     CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{plan.fx, plan.cx, plan.cy});
     CHECK(std::array{camera.width, camera.height} == std::array{plan.width, plan.height});
   }

@@ -24,9 +24,10 @@ except (ImportError, AttributeError):
     print("SKIPPED: needs numpy and OpenUSD 26.03 or later (pip install usd-core)")
     sys.exit(77)
 
+from gaussian_maths import colour, covariances
+
 UBS = sys.argv[1]
 COUNT = 500
-C0 = 0.28209479177387814
 # The commands that ubs runs must find this Python.
 os.environ["PATH"] = str(Path(sys.executable).parent) + os.pathsep + os.environ["PATH"]
 TURN = np.diag([1.0, -1.0, -1.0])
@@ -84,44 +85,6 @@ def random_table(rng, degree):
     bits = rng.integers(0, 2**32, (COUNT // 2, 3), dtype=np.uint64).astype(np.uint32).view(np.float32)
     table[: COUNT // 2, :3] = np.where(np.isfinite(bits), bits, 1)
     return table
-
-
-def covariances(scale, wxyz):
-    w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T.astype(float)
-    r = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    ).transpose(2, 0, 1)
-    m = r * scale[:, None, :]
-    return m @ m.transpose(0, 2, 1)
-
-
-def colour(sh, d):
-    """The harmonics of 3DGS; sh is (n, coefficients, 3), d (n, 3)."""
-    x, y, z = d.T
-    xx, yy, zz = x * x, y * y, z * z
-    basis = [
-        C0 + 0 * x,
-        -0.4886025119029199 * y,
-        0.4886025119029199 * z,
-        -0.4886025119029199 * x,
-        1.092548430592079 * x * y,
-        -1.092548430592079 * y * z,
-        0.3153915652525200 * (2 * zz - xx - yy),
-        -1.092548430592079 * x * z,
-        0.5462742152960396 * (xx - yy),
-        -0.5900435899266435 * y * (3 * xx - yy),
-        2.890611442640554 * x * y * z,
-        -0.4570457994644657 * y * (4 * zz - xx - yy),
-        0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-        -0.4570457994644657 * x * (4 * zz - xx - yy),
-        1.445305721320277 * z * (xx - yy),
-        -0.5900435899266435 * x * (xx - 3 * yy),
-    ]
-    return 0.5 + np.einsum("kn,nkc->nc", np.array(basis)[: sh.shape[1]], sh)
 
 
 def quaternions(values):

@@ -61,7 +61,9 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.mean_colour = grey}).background.colour == grey);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
+  CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.wide_images = true}).opacity_reg == 0);
   chosen.chosen = {"opacity_reg"};
+  CHECK(fast_settings_for(chosen, 2000, 9000, {.wide_images = true}).opacity_reg == 0.01);
   CHECK(fast_settings_for(chosen, 2000, 9000, {.few_photographs = true}).opacity_reg == 0.01);
   chosen.lr_xyz = 3e-4;
   chosen.lr_rgb = 0.004;
