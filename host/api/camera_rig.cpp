@@ -26,8 +26,7 @@ constexpr double kNearer = 0.5, kFarther = 4;
 // close together (fern: depths of 3.8 to 13), others walk through the scene.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
-constexpr double kMinDistance =
-    1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
+constexpr double kMinDepth = 1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
 
 Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
   Vec3 mean{};
@@ -63,29 +62,35 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
 InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind) {
   const double spread = spread_of(cameras);
   // One camera, or a turn on the spot: the pictures are the same at every size of the scene.
-  if (at_one_place(cameras)) return between(1, 10, "all cameras have the same position, so any depth will do");
+  if (at_one_place(cameras))
+    return between(1, 10, "all cameras have the same position, so any depth will do");
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
-  const double distance =
-      meeting ? median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); }) : 0;
-  if (!(distance > kMinDistance * spread)) {
+  const auto depth_of = [](const Vec3& point, const Camera& c) {
+    return dot(point - c.centre(), camera_axis(c, 2));
+  };
+  const double depth = meeting ? median(cameras, [&](const Camera& c) { return depth_of(*meeting, c); }) : 0;
+  if (!(depth > kMinDepth * spread)) {
     const Vec3 forward = mean_of(cameras, view_direction);
     return length(forward) > kParallel
                ? between(kParallelNear * spread, kParallelFar * spread, "they look the same way")
                : between(kWalkNear * spread, kWalkFar * spread, "they look outwards");
   }
-  if (!nothing_behind || !meeting_point(cameras))
-    return between(kNearer * distance, kFarther * distance,
-                   fmt::format("their axes meet at {:.3g}", distance));
-  const double half = kFilled * distance * median(cameras, [](const Camera& c) {
-                        return 0.5 * std::sqrt(c.width / c.fx * (c.height / c.fy));
+  if (!nothing_behind || !meeting_point(cameras)) {
+    InitialSpace space =
+        between(kNearer * depth, kFarther * depth, fmt::format("their axes meet at {:.3g}", depth));
+    space.depth = depth;
+    return space;
+  }
+  const double half = kFilled * median(cameras, [&](const Camera& c) {
+                        return 0.5 * depth_of(*meeting, c) * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
   const auto shown = [&](std::size_t k) {  // rounding is no place
-    return std::abs((*meeting)[k]) < 1e-6 * distance ? 0.0 : (*meeting)[k];
+    return std::abs((*meeting)[k]) < 1e-6 * depth ? 0.0 : (*meeting)[k];
   };
   return {
       .centre = *meeting,
       .half = half,
-      .depth = distance,
+      .depth = depth,
       .text = fmt::format("in the space that the cameras see in common, within {:.3g} of ({:.3g}, {:.3g}, "
                           "{:.3g}) along each axis",
                           half, shown(0), shown(1), shown(2))};

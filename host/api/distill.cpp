@@ -31,7 +31,7 @@ double unit_of(const Split& views, const SplatModel& model) {
   PointCloud centres;
   for (std::size_t i = 0; i < model.count; ++i)
     centres.positions.push_back({model.row(0)[i], model.row(1)[i], model.row(2)[i]});
-  return median_depth(cameras_of(views), centres).value_or(kTrainedDepth) / kTrainedDepth;
+  return median_depth(cameras_of(views), centres).value_or(1);
 }
 
 // Splats stay as many as they are.

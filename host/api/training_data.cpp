@@ -149,8 +149,7 @@ void align(Dataset& data, Split& train) {
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
-// Of the scene as the cameras see it: by the points, else by the depths that the data state, else by the cameras
-// alone.
+// The depth d of docs/method.md 4.4.
 double typical_depth(const Dataset& data, const Split& train) {
   const std::vector<Camera> cameras = cameras_of(train);
   if (const auto depth = data.points ? median_depth(cameras, *data.points) : std::nullopt) return *depth;
@@ -164,16 +163,18 @@ double typical_depth(const Dataset& data, const Split& train) {
 }
 
 void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
-  if (settings.unit != kAuto) {
-    if (settings.unit != 1 && !has_free_unit(settings.variant))
-      fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
-    return;
+  const bool free = has_free_unit(settings.variant);
+  if (settings.unit == kAuto) {
+    settings.unit = free ? typical_depth(data, train) : 1;
+    if (free)
+      data.report.notes.push_back(
+          fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
+  } else if (settings.unit != 1 && !free) {
+    fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
   }
-  settings.unit = has_free_unit(settings.variant) ? typical_depth(data, train) / kTrainedDepth : 1;
   if (!settings.chosen.contains("near_plane")) settings.near_plane *= settings.unit;
   if (!settings.chosen.contains("far_plane")) settings.far_plane *= settings.unit;
-  if (settings.unit != 1)
-    data.report.notes.push_back(fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
+  validate(settings);
 }
 
 bool has_wide_images(const Split& train) {
@@ -261,7 +262,8 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
         settings.dim, settings.dim >= 6 ? 6 : 3);
   if (at_one_place(cameras_of(train)))
     warn(
-        "all training cameras have the same position, so the depth of what they see cannot be learnt: check the "
+        "all training cameras have the same position, so the depth of what they see cannot be learnt: check "
+        "the "
         "camera poses");
   if (!has_time(settings.dim) && !still(train))
     warn(

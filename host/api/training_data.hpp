@@ -16,10 +16,10 @@
 namespace ubs {
 
 // With an image for every view, and the query values that N dimensions need. Fills in `dim` and `unit` where
-// they are automatic, and near and far plane in this unit where they are not set; what was chosen becomes part
-// of the data's report. Points of the data beyond cap_max are thinned out evenly. Where
-// there are none, so does --init-points auto, and the report says where the first splats lie. Unless training
-// `begins` there is a model already, and no points are placed.
+// they are automatic, and near and far plane in this unit where they are not set; what was chosen becomes
+// part of the data's report. Points of the data beyond cap_max are thinned out evenly. Where there are none,
+// so does --init-points auto, and the report says where the first splats lie. Unless training `begins` there
+// is a model already, and no points are placed.
 Split take_train(Dataset& data, TrainSettings& settings, bool begins = true);
 // The same with a split that stays where it is; of `data` all but the splits is looked at.
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins = true);

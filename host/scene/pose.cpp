@@ -105,11 +105,11 @@ Vec3 camera_axis(const Camera& camera, std::size_t axis) {
   return {camera.rotation[3 * axis], camera.rotation[3 * axis + 1], camera.rotation[3 * axis + 2]};
 }
 
-// Cramer's rule; the matrix is symmetric, so that rows are columns.
 Vec3 view_direction(const Camera& camera) {
   return normalised(camera.ray(0.5 * camera.width, 0.5 * camera.height));
 }
 
+// Cramer's rule; the matrix is symmetric, so that rows are columns.
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least) {
   std::array<Vec3, 3> a{};
   Vec3 b{};

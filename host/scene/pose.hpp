@@ -53,12 +53,12 @@ Pose pose_of(const Camera& camera);
 double fov_showing(const Camera& camera, const Canvas& canvas);
 // Right (0), down (1) or forward (2) in the world.
 Vec3 camera_axis(const Camera& camera, std::size_t axis);
-// Unit vector towards what the middle of the image shows, in the world: forward, unless the principal point is
-// elsewhere.
+// Unit vector towards what the middle of the image shows, in the world: forward, unless the principal point
+// is elsewhere.
 Vec3 view_direction(const Camera& camera);
-// The point nearest to all view directions (least squares). None where these are too parallel to tell: `least`
-// is the smallest determinant of the mean of I - d d^T over the viewing directions d. That is 0 when all are
-// parallel, 8/27 when they come from everywhere.
+// The point nearest to all view directions (least squares). None where these are too parallel to tell:
+// `least` is the smallest determinant of the mean of I - d d^T over the viewing directions d. That is 0 when
+// all are parallel, 8/27 when they come from everywhere.
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least);
 // Of at least one camera.
 double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The unit of length in which a scene is trained (method.md 4.4). Data come in any unit: metres, or whatever
 // structure from motion chose. Training has absolute numbers (the softplus of scales, the noise of positions,
-// the near plane), which were tuned on scenes that are seen from a distance of about 4. So cameras and points
-// are divided by a unit of the scene's own before training, and the model is multiplied by it afterwards.
+// the near plane). So cameras and points are divided by a length of the scene's own before training, and the
+// model is multiplied by it afterwards.
 #pragma once
 
 #include <memory>
@@ -15,9 +15,6 @@
 #include "host/scene/train_settings.hpp"
 
 namespace ubs {
-
-// Depth, in the unit of training, at which a camera sees the middle of the scene: that of NeRF Synthetic.
-inline constexpr double kTrainedDepth = 4;
 
 // The depth at which cameras see points: the median over the cameras of the median over the points in their
 // image. Nothing where no camera sees at least ten.

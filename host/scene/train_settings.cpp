@@ -19,7 +19,7 @@ constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero;
 constexpr int kMaxIterations = 10'000'000;  // likewise
 constexpr int kMaxPyramidFactor = 64;
 constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // squares are finite in single precision
-constexpr double kMinAlphaMin = 1e-6;  // what kernels/math/reach.h is derived for
+constexpr double kMinAlphaMin = 1e-6;                    // what kernels/math/reach.h is derived for
 
 template <auto Switch>
 ChoiceRef form(S& settings) {
@@ -64,7 +64,7 @@ const Field<S> kFields[] = {
     used(kSetFirst,
          {"cap_max", "most splats; initial points beyond it are thinned out", &S::cap_max, 1, kMaxSplats}),
     {"unit",
-     "length of the data that counts as 1 in training; auto: a quarter of the median depth of the scene; 1: "
+     "length of the data that counts as 1 in training; auto: the median depth of the scene; 1: "
      "the data's own unit, as published",
      &S::unit, kMinLength, kMaxLength, true},
     {"beta_dir_init", "raw initial direction betas; auto: 0, but -3 for N = 7", &S::beta_dir_init, -20, 20,
@@ -153,10 +153,11 @@ const Field<S> kFields[] = {
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
 
     used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
-    used(kOfDrawing, {"near_plane",
-                      "splats nearer than this are not drawn; training: 0.01 units, where it is not set",
-                      &S::near_plane, kMinLength, kMaxLength}),
-    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn", &S::far_plane, kMinLength, kMaxLength}),
+    used(kOfDrawing,
+         {"near_plane", "splats nearer than this are not drawn; training: 0.01 units, where it is not set",
+          &S::near_plane, kMinLength, kMaxLength}),
+    used(kOfDrawing,
+         {"far_plane", "splats farther than this are not drawn", &S::far_plane, kMinLength, kMaxLength}),
     used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},

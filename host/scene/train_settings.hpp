@@ -93,7 +93,7 @@ struct TrainSettings : ReadSettings {
   // Rendering
   double eps2d = 0.3;
   double near_plane = 0.01, far_plane = 1e10;  // in the data's unit; a training that sets neither: times unit
-  std::string raster = "auto";  // rasteriser: auto (cpu on vectors) | cpu | gpu
+  std::string raster = "auto";                 // rasteriser: auto (cpu on vectors) | cpu | gpu
   // Folder of cameras that a run has refined, which views of its data are drawn from: not in the table of
   // fields.
   std::string run_cameras;

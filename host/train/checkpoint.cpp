@@ -21,7 +21,7 @@ namespace ubs {
 namespace {
 
 constexpr std::string_view kCheckpointMagic = "UBSCKPT\n";
-constexpr std::uint32_t kCheckpointVersion = 2;
+constexpr std::uint32_t kCheckpointVersion = 3;
 constexpr std::size_t kFixedBytes = 16;  // magic, version, header bytes
 static_assert(std::endian::native == std::endian::little, "checkpoints require a little-endian machine");
 

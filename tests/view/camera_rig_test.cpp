@@ -6,8 +6,10 @@
 #include <catch2/catch.hpp>
 #include <numbers>
 
+#include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/pose.hpp"
+#include "host/scene/scene_unit.hpp"
 
 using namespace ubs;
 
@@ -94,6 +96,70 @@ TEST_CASE("initial space: cameras that tell nothing") {
   CHECK(usable(initial_space(two, true)));
   const std::vector<Camera> opposite{camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})};
   CHECK(usable(initial_space(opposite, true)));
+}
+
+// Cameras that show the same directions with a part of a wide image: the principal point lies outside.
+Camera cut_from_wide_image(const Camera& c) {
+  const double right =
+      3 * c.width / c.fx;  // tangent of the angle between the middle of the image and forward
+  const double n = std::hypot(1, right), cosine = 1 / n, sine = right / n;
+  Camera out = c;
+  out.cx = c.cx - right * c.fx;
+  out.rotation = product({cosine, 0, sine, 0, 1, 0, -sine, 0, cosine}, c.rotation);
+  out.translation = rotated(out.rotation, -1.0 * c.centre());
+  return out;
+}
+
+TEST_CASE("initial space: in any unit, at any place, for any part of a lens") {
+  std::vector<Camera> forward, parallel, turning;
+  for (int i = 0; i < 20; ++i) {
+    const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
+    forward.push_back(camera(3.0 * at, {0, 5, 0}));
+    parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
+    turning.push_back(camera({0, 0, 0}, {std::cos(0.3 * i), std::sin(0.3 * i), 0}));
+  }
+  const std::vector<std::vector<Camera>> situations{
+      half_turn({0, 0, 0}, 4),
+      half_turn({0, 0, 0}, 1, true),
+      forward,
+      parallel,
+      turning,
+      {camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})},
+      {camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})},
+      std::vector(5, parallel[3])};
+  for (std::size_t s = 0; s < situations.size(); ++s)
+    for (const bool plain : {false, true}) {
+      const std::vector<Camera>& cameras = situations[s];
+      const InitialSpace expected = initial_space(cameras, plain);
+      REQUIRE(usable(expected));
+      const auto check = [&](const std::vector<Camera>& others, double factor, double slack) {
+        const InitialSpace space = initial_space(others, plain);
+        const double f = at_one_place(cameras) ? 1 : factor;  // any depth will do
+        CHECK(space.half == Approx(f * expected.half).epsilon(slack));
+        CHECK(space.near == Approx(f * expected.near).epsilon(slack));
+        CHECK(space.far == Approx(f * expected.far).epsilon(slack));
+        CHECK(space.depth == Approx(f * expected.depth).epsilon(slack));
+      };
+      for (const double factor : {1e-6, 1e-3, 1e3, 1e6}) {
+        INFO("situation " << s << ", times " << factor);
+        std::vector<Camera> scaled = cameras;
+        for (Camera& c : scaled) scale_lengths(c, factor);
+        check(scaled, factor, 1e-9);
+      }
+      INFO("situation " << s << ", elsewhere");
+      std::vector<Camera> moved = cameras;
+      for (Camera& c : moved) c.translation = c.translation - rotated(c.rotation, {70, -30, 11});
+      check(moved, 1, 1e-9);
+    }
+  const InitialSpace box = initial_space(half_turn({3, -2, 0.5}, 4), true);
+  std::vector<Camera> parts;
+  for (const Camera& c : half_turn({3, -2, 0.5}, 4)) parts.push_back(cut_from_wide_image(c));
+  const double cosine = dot(view_direction(parts[0]), camera_axis(parts[0], 2));
+  CHECK(cosine < 0.5);
+  const InitialSpace part = initial_space(parts, true);
+  CHECK(length(part.centre - box.centre) < 1e-9);
+  CHECK(part.depth == Approx(cosine * box.depth));
+  CHECK(part.half == Approx(cosine * box.half));
 }
 
 TEST_CASE("points in frusta take the colours of their pixels") {
