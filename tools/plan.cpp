@@ -85,7 +85,8 @@ TrainingInput open_training(const PlanOptions& options) {
   in.test = take_test(in.data, run.settings);
   divide_by_unit(in.data, std::array{&in.train, &in.test}, run.settings.unit);
   in.unasked = run.fast.has_value();
-  in.settings = in.unasked ? unasked_settings(run, in.data, facts_of(in.train, run.settings)) : run.settings;
+  in.settings =
+      in.unasked ? unasked_settings(run, in.data, picture_facts(in.train, run.settings)) : run.settings;
   return in;
 }
 

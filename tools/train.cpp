@@ -133,19 +133,13 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-void say_background(const PictureFacts& facts) {
-  if (facts.mean_colour)
-    say("         background {}: the mean colour of the images (--background)\n",
-        fmt::join(*facts.mean_colour, ","));
-}
-
 // The settings of a run that nobody has chosen the iterations of: what fits the time budget as far as it is
 // known now, or of ranks, which have none, all of kUnaskedIterations. `warm_up`: before steps are measured.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
                            const Split& train,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
   const bool asked = !options.start.budget.empty();
-  const PictureFacts pictures = facts_of(train, start.settings);
+  const PictureFacts pictures = picture_facts(train, start.settings);
   TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kUnaskedSeconds,
                     .most_iterations = asked ? kScheduleLength : kUnaskedIterations};
   if (ranks().size() > 1) {
@@ -173,7 +167,6 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
           kScheduleLength);
-    say_background(pictures);
   }
   flush_out();
   return budget;

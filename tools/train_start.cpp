@@ -46,17 +46,12 @@ TrainSettings fast_base(const NewSettings& run) {
   base.dim = run.settings.dim;
   base.variant = run.settings.variant;
   base.background = run.settings.background;
+  base.random_background = run.settings.random_background;
   base.unit = run.settings.unit;
   base.near_plane = run.settings.near_plane;
   base.far_plane = run.settings.far_plane;
   base.conditioning_auto = false;
   return base;
-}
-
-PictureFacts facts_of(const Split& train, const TrainSettings& settings) {
-  PictureFacts facts = picture_facts(train, settings);
-  if (settings.chosen.contains("background")) facts.mean_colour.reset();
-  return facts;
 }
 
 std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }

@@ -45,7 +45,6 @@ std::filesystem::path free_output_folder(const std::filesystem::path& data);
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget = {});
 // `fast`, with what the data have decided since.
 TrainSettings fast_base(const NewSettings& run);
-PictureFacts facts_of(const Split& train, const TrainSettings& settings);
 std::size_t points_of(const Dataset& data);
 
 // Where nobody chose, a run has this many iterations, which come to what the published ones come to

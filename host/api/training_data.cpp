@@ -181,6 +181,30 @@ bool has_wide_images(const Split& train) {
   return std::ranges::any_of(train.views, [](const View& view) { return !view.part_of.empty(); });
 }
 
+void settle_background(Dataset& data, const Split& train, TrainSettings& settings) {
+  Background& behind = settings.background;
+  const bool learnt = behind.learnt != Background::Learnt::no;
+  const bool colour = !learnt && behind.harmonics.empty();
+  const auto transparent = std::ranges::find(train.views, false, &View::opaque);
+  const bool opaque = transparent == train.views.end();
+  if (!opaque && (!colour || settings.random_background == RandomBackground::on))
+    fail(
+        ErrorKind::data,
+        "{}: the image may be transparent, but a background that is learnt or random requires opaque images: "
+        "choose --background R,G,B",
+        transparent->name);
+  const bool free = opaque && !settings.chosen.contains("background");
+  if (learnt || free) behind.colour = look_at(train).mean_colour;
+  if (settings.random_background == RandomBackground::automatic)
+    settings.random_background = opaque && colour ? RandomBackground::on : RandomBackground::off;
+  if (free)
+    data.report.notes.push_back(fmt::format("background {}: the mean colour of the images (--background){}",
+                                            fmt::join(behind.colour, ","),
+                                            settings.random_background == RandomBackground::on
+                                                ? ", and random colours in training (--random-background)"
+                                                : ""));
+}
+
 // Said once, before training; also for the choices of others.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size()
@@ -204,11 +228,9 @@ int random_points(const Split& train, const TrainSettings& settings) {
 PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
   constexpr std::size_t kFewPhotographs = 24;
   const Look look = look_at(train);
-  PictureFacts facts{static_cast<std::size_t>(random_points(train, settings)), look.lone_object, {}};
-  if (!look.lone_object && std::ranges::all_of(train.views, &View::opaque)) {
-    facts.mean_colour = look.mean_colour;
-    facts.few_photographs = train.views.size() <= kFewPhotographs;
-  }
+  PictureFacts facts{static_cast<std::size_t>(random_points(train, settings)), look.lone_object};
+  facts.few_photographs = !look.lone_object && std::ranges::all_of(train.views, &View::opaque) &&
+                          train.views.size() <= kFewPhotographs;
   facts.wide_images = has_wide_images(train);
   return facts;
 }
@@ -228,15 +250,7 @@ Split take_train(Dataset& data, TrainSettings& settings, bool begins) {
 
 void settle_training(const Split& train, Dataset& data, TrainSettings& settings, bool begins) {
   require_images(train);
-  Background& behind = settings.background;
-  if (behind.learnt != Background::Learnt::no || !behind.harmonics.empty()) {
-    if (const auto view = std::ranges::find(train.views, false, &View::opaque); view != train.views.end())
-      fail(ErrorKind::data,
-           "{}: the image may be transparent, but training a background or a sky requires opaque images: "
-           "choose --background R,G,B",
-           view->name);
-    if (behind.learnt != Background::Learnt::no) behind.colour = look_at(train).mean_colour;
-  }
+  settle_background(data, train, settings);
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);
     settings.dim = choice.dim;

@@ -121,9 +121,13 @@ const Field<S> kFields[] = {
     used(kOfDrawing | kSetFirst,
          {"background",
           "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
-          "also learnt: learn (one colour) or sky (by direction); where no schedule is "
-          "asked for, their mean colour",
+          "also learnt: learn (one colour) or sky (by direction); their mean colour where it is not set",
           &S::background, 0, 1}),
+    {"random_background",
+     "a random colour behind each image in training, so that opaque images become opaque splats; auto: where "
+     "all "
+     "images are opaque and no background is learnt",
+     &choice<S, &S::random_background>, -1, 1, false, "auto|off|on"},
     {"appearance",
      "learn exposure and white balance of each training image: a gain per channel, or an affine colour map",
      &choice<S, &S::appearance>, -1, 1, false, "none|gain|affine"},
@@ -243,6 +247,9 @@ void validate(const TrainSettings& s) {
   const bool sky = s.background.learnt == Background::Learnt::sky || !s.background.harmonics.empty();
   if (sky && s.refine_cameras != RefineCameras::none)
     fail(ErrorKind::usage, "refine_cameras does not support background = sky: choose background = learn");
+  if (s.random_background == RandomBackground::on && (sky || s.background.learnt != Background::Learnt::no))
+    fail(ErrorKind::usage,
+         "random_background = on does not support a background that is learnt, or a sky: choose a colour");
   evaluation_interval(s);
   checkpoint_interval(s);
   pyramid_steps(s);

@@ -23,6 +23,7 @@ inline constexpr int kScheduleLength = 30000;  // iterations to which refine and
 
 enum class Appearance { none, gain, affine };  // kernels/math/appearance.h
 enum class RefineCameras { none, pose, pose_and_intrinsics };
+enum class RandomBackground { automatic, off, on };
 enum class ListCounts { automatic, wait, bound };
 enum class PrincipalPoint { as_given, centre };
 enum class BatchRates { none, sqrt };
@@ -78,8 +79,9 @@ struct TrainSettings : ReadSettings {
   double opacity_reg = 0.01;
   double scale_penalty = 0;  // the published 0.01 has no effect there (method.md 4.1)
   Background background{};
-  Appearance appearance{};         // of each training image, learnt (method.md 4.9)
-  RefineCameras refine_cameras{};  // of the training images (method.md 4.10)
+  RandomBackground random_background{};  // method.md 4.11
+  Appearance appearance{};               // of each training image, learnt (method.md 4.9)
+  RefineCameras refine_cameras{};        // of the training images (method.md 4.10)
 
   // Learning rates
   double lr_cooldown = 0;  // share of the work at its end over which all of them fall to 0

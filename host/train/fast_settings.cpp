@@ -113,7 +113,6 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   lengthen(s, iterations, points > 0 && !pictures.lone_object);
   if (moves(s) && is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
-  if (pictures.mean_colour) s.background.colour = *pictures.mean_colour;
   if (is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))
     s.opacity_reg = pictures.wide_images       ? kWideOpacityReg
                     : pictures.few_photographs ? kFewOpacityReg

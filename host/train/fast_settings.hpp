@@ -14,17 +14,17 @@ namespace ubs {
 // data_specs/fast.yaml holds the same.
 TrainSettings fast_settings();
 
-// The opacity penalty for views that are parts of wide images. An iteration trains one view, and the penalty acts
-// on all splats. Views that look in all directions leave most splats without a gradient, so that they fade.
+// The opacity penalty for views that are parts of wide images. An iteration trains one view, and the penalty
+// acts on all splats. Views that look in all directions leave most splats without a gradient, so that they
+// fade.
 inline constexpr double kWideOpacityReg = 0;
 
 // What the training pictures say about the settings.
 struct PictureFacts {
-  std::size_t random_points = SIZE_MAX;              // more splats than that are not drawn at random
-  bool lone_object = false;                          // nothing is to be seen behind what they show
-  std::optional<std::array<double, 3>> mean_colour;  // of photographs, on which a background has no part
-  bool few_photographs = false;                      // which are soon learnt by heart
-  bool wide_images = false;                          // views are parts of them
+  std::size_t random_points = SIZE_MAX;  // more splats than that are not drawn at random
+  bool lone_object = false;              // nothing is to be seen behind what they show
+  bool few_photographs = false;          // which are soon learnt by heart
+  bool wide_images = false;              // views are parts of them
 };
 
 // Returns the settings of a run of so many iterations that starts with `initial` splats, 0 where they are

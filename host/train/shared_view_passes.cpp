@@ -71,7 +71,9 @@ int SharedViewPasses::run(const StepViews& step) {
     std::vector<std::int64_t> cameras(deal[round].size(), kNoView);
     for (std::size_t r = 0; r < cameras.size(); ++r)
       if (drawn_in(round, r)) cameras[r] = views_.view_of(draw_of(round, r));
-    return shared_.begin(splats_.view(), std::move(cameras), settings_);
+    const bool own = deal[round][rank] != kNoView;
+    return shared_.begin(splats_.view(), std::move(cameras),
+                         own ? views_.settings_of(draw_of(round, rank), settings_) : settings_);
   };
   int drawn = 0;
   const auto add_gradients = [&](std::size_t number, const SharedRenderer::Round& round) {

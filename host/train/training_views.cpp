@@ -5,11 +5,13 @@
 #include <iterator>
 
 #include "host/base/error.hpp"
+#include "host/base/philox.hpp"
 #include "host/train/target_loss.hpp"
 
 namespace ubs {
 namespace {
 
+constexpr std::uint32_t kBackgroundStream = 0x6261636b;  // apart from every other use of the seed
 constexpr double kRateOfMixing = 0.2;  // of mixed channels and offsets, of which four act on each channel
 
 }  // namespace
@@ -52,6 +54,14 @@ std::vector<Camera> TrainingViews::test_cameras() const {
   for (const View& view : test_.views)
     cameras.push_back(refiner_ ? refiner_->with_lens(view.camera) : view.camera);
   return cameras;
+}
+
+RenderSettings TrainingViews::settings_of(std::uint64_t draw, RenderSettings settings) const {
+  if (settings_.random_background != RandomBackground::on) return settings;
+  const CounterRandom random(settings_.seed, kBackgroundStream);
+  for (std::uint32_t c = 0; c < 3; ++c)
+    settings.background[c] = static_cast<float>(random.uniform(draw, c, 0, 1));
+  return settings;
 }
 
 ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, BufferView<float> sums) {

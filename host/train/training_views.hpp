@@ -30,6 +30,9 @@ class TrainingViews {
   std::uint64_t batch() const { return batch_; }
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
+  // `settings` with what is behind the view of a draw: another colour each time where the background is
+  // random.
+  RenderSettings settings_of(std::uint64_t draw, RenderSettings settings) const;
 
   // The factor by which training views are reduced at an iteration.
   int factor_at(const WorkShare& work, int iteration) const {

@@ -46,10 +46,11 @@ int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<Uncounted
     const std::uint32_t view = views_.view_of(draw);
     views_.prefetch(draw + kViewsAhead);
     if (step.left_out.contains(draw)) continue;
+    const RenderSettings settings = views_.settings_of(draw, settings_);
     if (uncounted)
-      views.push_back(renderer_.forward_uncounted(splats_.view(), view, settings_));
+      views.push_back(renderer_.forward_uncounted(splats_.view(), view, settings));
     else  // waits in between
-      views.emplace_back(renderer_.forward(splats_.view(), view, settings_, true));
+      views.emplace_back(renderer_.forward(splats_.view(), view, settings, true));
     step.loss(draw);
     if (draw == last && step.keeps_records)
       renderer_.backward_to_records();

@@ -193,7 +193,9 @@ TEST_CASE("ranks: training has the same bits for every number of them, and of a 
   check_same(folder, "one_3_8", "alone");
 }
 
-TEST_CASE("ranks: relocation alone, more ranks than views, and than blocks of splats; a learnt sky") {
+TEST_CASE(
+    "ranks: relocation alone, more ranks than views, and than blocks of splats; a learnt sky, random "
+    "colours") {
   const TempFolder folder;
   synthesise(folder);
   for (const auto& file : std::filesystem::recursive_directory_iterator(folder.path() / "data"))
@@ -218,6 +220,10 @@ TEST_CASE("ranks: relocation alone, more ranks than views, and than blocks of sp
   for (const char* view : {"r_000", "r_001"})
     CHECK((get(folder / fmt::format("one/renders/{}.png", view)) ==
            get(folder / fmt::format("three/renders/{}.png", view))));
+  const std::string random = " --init-points 100 --cap-max 120 --random-background on";
+  ubs_ok(folder, base + random + " --out random");
+  ranks_ok(folder, 2, base + random + " --out random_of_two");
+  check_same(folder, "random", "random_of_two");
 }
 
 // Run by the test below on every rank.

@@ -57,8 +57,6 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   // Directions of an object alone stay wide, however long.
   CHECK(fast_settings_for(fast_settings(), 16000, 9000, {.lone_object = true}).beta_dir_init == -3);
   CHECK(fast_settings_for(fast_settings(), 16000, 9000).beta_dir_init > -0.3);
-  const std::array<double, 3> grey{0.4, 0.5, 0.6};
-  CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.mean_colour = grey}).background.colour == grey);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.wide_images = true}).opacity_reg == 0);
@@ -127,14 +125,44 @@ TEST_CASE("fast settings: what pictures say about them", "[schedule]") {
   };
   const PictureFacts photographs = facts_of(false, true);
   CHECK_FALSE(photographs.lone_object);
-  REQUIRE(photographs.mean_colour);
-  CHECK(*photographs.mean_colour == std::array<double, 3>{0.19, 1, 1});  // 49.5 / 255
-  CHECK_FALSE(facts_of(false, false).mean_colour);
   CHECK(facts_of(true, true).lone_object);
-  CHECK_FALSE(facts_of(true, true).mean_colour);
   CHECK(facts_of(false, true, 24).few_photographs);
   CHECK_FALSE(facts_of(false, true, 25).few_photographs);
   CHECK_FALSE(facts_of(true, true).few_photographs);
+}
+
+TEST_CASE("background: what is behind opaque images", "[schedule]") {
+  const auto settled = [](TrainSettings settings, bool opaque) {
+    View view;
+    view.camera.width = view.camera.height = 10;
+    view.camera.fx = view.camera.fy = 10;
+    view.image = {10, 10, std::vector<std::uint8_t>(300, 255)};
+    for (std::size_t i = 0; i < 50; ++i) view.image.rgb[3 * i] = 0;
+    view.opaque = true;
+    Split train{"train", {view, view}};
+    train.views[1].opaque = opaque;
+    Dataset data;
+    settle_training(train, data, settings);
+    return settings;
+  };
+  TrainSettings settings;
+  const TrainSettings photographs = settled(settings, true);
+  CHECK(photographs.random_background == RandomBackground::on);
+  CHECK(photographs.background.colour == std::array<double, 3>{0.5, 1, 1});  // their mean
+  const TrainSettings transparent = settled(settings, false);
+  CHECK(transparent.random_background == RandomBackground::off);
+  CHECK(transparent.background == Background{});
+  CHECK(settled(photographs, true).background == photographs.background);  // of a run that is continued
+  settings.background.colour = {1, 1, 1};
+  settings.chosen = {"background"};
+  CHECK(settled(settings, true).background.colour == std::array<double, 3>{1, 1, 1});
+  CHECK(settled(settings, true).random_background == RandomBackground::on);
+  settings.background.learnt = Background::Learnt::colour;
+  CHECK(settled(settings, true).random_background == RandomBackground::off);
+  settings.random_background = RandomBackground::on;
+  CHECK_THROWS_WITH(validate(settings), Catch::Contains("random_background = on does not support"));
+  settings.background = {};
+  CHECK_THROWS_WITH(settled(settings, false), Catch::Contains("requires opaque images"));
 }
 
 TEST_CASE("fast settings: at the end the rates fall to zero", "[schedule]") {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A learnt background: a scene before a colour, and before a sky, whose pictures do not tell where it ends.
+// A learnt background: a scene before a colour, and before a sky, whose pictures do not tell where it ends. A
+// random one.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -96,6 +97,34 @@ TEST_CASE("sky: a background that is learnt is that of the pictures", "[sky]") {
       Trainer again(*device, drawn, data.train, data.test, trainer.model());
       CHECK(again.evaluate_test().mean.psnr == with.mean.psnr);
     }
+  }
+}
+
+double on_another_background(Device& device, const Trainer& trainer, TrainSettings settings, Data data) {
+  const std::array<double, 3> white{1, 1, 1};
+  settings.background.colour = white;
+  return Trainer(device, settings, data.train, data.test, trainer.model()).evaluate_test().mean.psnr;
+}
+
+// Light passes through splats in front of the colour that they were trained with, and nothing tells.
+TEST_CASE("background: random colours make opaque images opaque splats", "[sky]") {
+  const Data data = before(false);
+  TrainSettings settings = settings_for(Background::Learnt::no);
+  settings.background.colour = kMean;
+  for (const auto& device : test::devices_under_test()) {
+    double own[2], white[2];
+    for (const bool on : {false, true}) {
+      settings.random_background = on ? RandomBackground::on : RandomBackground::off;
+      Trainer trainer(*device, settings, data.train, data.test, test::start(settings));
+      trainer.run([](const StepReport&) { return true; });
+      own[on] = trainer.evaluate_test().mean.psnr;
+      white[on] = on_another_background(*device, trainer, settings, data);
+    }
+    INFO(own[0] << " dB, " << white[0] << " dB before white; with random colours " << own[1] << ", "
+                << white[1]);
+    CHECK(white[0] < own[0] - 6);
+    CHECK(white[1] > own[1] - 1);
+    CHECK(own[1] > own[0] - 1);
   }
 }
 
