@@ -257,6 +257,16 @@ int print_settings(const TrainOptions& options) {
   return 0;
 }
 
+// Keys of the settings that the data have chosen.
+Json changed_keys(TrainSettings asked, TrainSettings settled) {
+  const std::vector<FieldValue> before = bind_fields(asked, train_fields()),
+                                after = bind_fields(settled, train_fields());
+  Json keys = Json::array();
+  for (std::size_t i = 0; i < before.size(); ++i)
+    if (field_text(before[i]) != field_text(after[i])) keys.push_back(before[i].key);
+  return keys;
+}
+
 int run(const TrainOptions& options) {
   if (options.print_settings) return print_settings(options);
   files_before_output();
@@ -271,12 +281,11 @@ int run(const TrainOptions& options) {
   std::optional<EndOnRequest> beforehand(
       "\nubs: interrupted before the first iteration; nothing was written\n");
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
-  Json chosen = Json::array();  // not set by anyone
-  if (settings.dim == kAutoInt) chosen.push_back("dim");
-  if (settings.conditioning_auto) chosen.push_back("conditioning");
+  const TrainSettings asked = settings;
   const Split* const given = data.find("train");
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
   Split train_split = take_train(data, settings, !start.checkpoint);
+  const Json chosen = changed_keys(asked, settings);
   Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders, overwrite);
   for (const Split* split : {&train_split, &test_split}) folder.check_apart_from(*split);

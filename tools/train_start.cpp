@@ -48,8 +48,6 @@ TrainSettings fast_base(const NewSettings& run) {
   base.background = run.settings.background;
   base.random_background = run.settings.random_background;
   base.unit = run.settings.unit;
-  base.near_plane = run.settings.near_plane;
-  base.far_plane = run.settings.far_plane;
   base.conditioning_auto = false;
   return base;
 }

@@ -41,8 +41,8 @@ TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel
   s.variant = initial.variant;
   s.eps2d = kGaussianBlur;
   s.background = drawing.background;
-  s.near_plane = drawing.near_plane;
-  s.far_plane = drawing.far_plane;
+  s.near_plane = planes_of(drawing).near;
+  s.far_plane = planes_of(drawing).far;
   s.cap_max = static_cast<int>(initial.count);
   s.chosen = {"cap_max"};
   s.refine.end = s.refine.first;

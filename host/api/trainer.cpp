@@ -43,6 +43,7 @@ Split test_views(const Dataset& set, const TrainSettings& settings) {
 // The data have been read: what would read them otherwise comes too late.
 void check_as_opened(TrainSettings settings, const ubs_data& data) {
   TrainSettings opened = data.settings;
+  opened.background.automatic = false;  // black is behind transparent pixels
   const bool composited = std::ranges::any_of(data.set->splits, [](const Split& split) {
     return std::ranges::any_of(split.views, [](const View& v) { return v.has_image() && !v.opaque; });
   });

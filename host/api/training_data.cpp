@@ -172,9 +172,7 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
   } else if (settings.unit != 1 && !free) {
     fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
   }
-  if (!settings.chosen.contains("near_plane")) settings.near_plane *= settings.unit;
-  if (!settings.chosen.contains("far_plane")) settings.far_plane *= settings.unit;
-  validate(settings);
+  validate(settings);  // planes that are set are lengths of the data
 }
 
 bool has_wide_images(const Split& train) {
@@ -193,7 +191,8 @@ void settle_background(Dataset& data, const Split& train, TrainSettings& setting
         "{}: the image may be transparent, but a background that is learnt or random requires opaque images: "
         "choose --background R,G,B",
         transparent->name);
-  const bool free = opaque && !settings.chosen.contains("background");
+  const bool free = opaque && behind.automatic;
+  behind.automatic = false;
   if (learnt || free) behind.colour = look_at(train).mean_colour;
   if (settings.random_background == RandomBackground::automatic)
     settings.random_background = opaque && colour ? RandomBackground::on : RandomBackground::off;
@@ -314,6 +313,8 @@ void divide_by_unit(Dataset& data, std::span<Split* const> splits, double unit) 
 
 ModelNotes notes_for(const TrainSettings& settings, std::span<const Camera> cameras) {
   TrainSettings copy = settings;
+  copy.near_plane = planes_of(settings).near;
+  copy.far_plane = planes_of(settings).far;
   std::vector<std::pair<std::string, std::string>> drawing;
   for (const FieldValue& field : bind_fields(copy, train_fields()))
     if (field.uses & kOfDrawing) drawing.emplace_back(field.key, field_text(field));

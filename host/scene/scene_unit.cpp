@@ -86,9 +86,8 @@ void scale_lengths(Split& split, double factor) {
 TrainSettings in_unit(TrainSettings settings) {
   const double unit = std::exchange(settings.unit, 1);
   if (unit == kAuto) return settings;
-  settings.near_plane /= unit;
-  settings.far_plane /= unit;
-  if (settings.init_extent != kAuto) settings.init_extent /= unit;
+  for (double* length : {&settings.near_plane, &settings.far_plane, &settings.init_extent})
+    if (*length != kAuto) *length /= unit;
   return settings;
 }
 

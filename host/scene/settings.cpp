@@ -113,9 +113,13 @@ std::optional<std::array<double, 3>> parse_colour(std::string_view text) {
   return colour;
 }
 
-// A colour, a colour and harmonics, or the word of what is to be learnt.
+// auto, a colour, a colour and harmonics, or the word of what is to be learnt.
 bool assign_background(const FieldValue& field, std::string_view text, Background& to) {
   Background read;
+  if (text == "auto") {
+    to = {.automatic = true};
+    return true;
+  }
   if (const auto colour = parse_colour(text)) {
     to = {*colour};
     return true;
@@ -208,6 +212,7 @@ bool assign(const FieldValue& field, std::string_view text) {
 
 std::string to_string(const Background& background) {
   if (background.learnt != Background::Learnt::no) return std::string(learnt_word(background.learnt));
+  if (background.automatic) return "auto";
   std::string text = fmt::format("{}", fmt::join(background.colour, ","));
   for (const double number : background.harmonics) text += fmt::format(",{}", number);
   return text;
@@ -260,7 +265,7 @@ std::string field_domain(const FieldValue& field) {
                [&](bool*) { return std::string("true or false"); },
                [&](std::string*) { return std::string(field.choices ? field.choices : "text"); },
                [&](Background*) {
-                 return "three numbers r,g,b" + range +
+                 return "auto, three numbers r,g,b" + range +
                         ", white, black, gray, #rrggbb, the 27 numbers of a sky, learn, or sky";
                },
                [&](IndexRange*) {

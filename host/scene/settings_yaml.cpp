@@ -33,7 +33,7 @@ std::string to_yaml(FieldValues fields) {
   for (const FieldValue& field : fields) {
     std::string text = encode_text(field_text(field));
     if (const auto* background = std::get_if<Background*>(&field.value);
-        background && (*background)->learnt == Background::Learnt::no)
+        background && !(*background)->automatic && (*background)->learnt == Background::Learnt::no)
       text = "[" + text + "]";
     if (needs_quotes(field, text)) text = single_quoted(text);
     out += fmt::format("{}: {}  # {}\n", field.key, text, field.help);

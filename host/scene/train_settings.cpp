@@ -157,11 +157,10 @@ const Field<S> kFields[] = {
     {"lr_l_triangle", "learning rate of rotation and correlation entries", &S::lr_l_triangle, 0, 10},
 
     used(kOfDrawing, {"eps2d", "blur added to the projected support ellipse [px^2]", &S::eps2d, 0, 100}),
-    used(kOfDrawing,
-         {"near_plane", "splats nearer than this are not drawn; training: 0.01 units, where it is not set",
-          &S::near_plane, kMinLength, kMaxLength}),
-    used(kOfDrawing,
-         {"far_plane", "splats farther than this are not drawn", &S::far_plane, kMinLength, kMaxLength}),
+    used(kOfDrawing, {"near_plane", "splats nearer than this are not drawn; auto: 0.01 units", &S::near_plane,
+                      kMinLength, kMaxLength, true}),
+    used(kOfDrawing, {"far_plane", "splats farther than this are not drawn; auto: 1e10 units", &S::far_plane,
+                      kMinLength, kMaxLength, true}),
     used(kOfKernels, {"query_grad", "let the gradient flow through the view direction", &S::query_grad}),
     {"raster", "rasteriser: pixel blocks (cpu), one work-item a pixel (gpu), auto: cpu on vectors",
      &S::raster, -1, 1, false, "auto|cpu|gpu"},
@@ -235,6 +234,12 @@ std::vector<std::string_view> keys_used(unsigned uses) {
   return keys;
 }
 
+Planes planes_of(const TrainSettings& s) {
+  const double unit = s.unit == kAuto ? 1 : s.unit;
+  return {s.near_plane == kAuto ? 0.01 * unit : s.near_plane,
+          s.far_plane == kAuto ? 1e10 * unit : s.far_plane};
+}
+
 void validate(const TrainSettings& s) {
   if (s.alpha_min > 0 && s.alpha_min < kMinAlphaMin)
     fail(ErrorKind::usage, "alpha_min = {} must be 0 or at least {}", s.alpha_min, kMinAlphaMin);
@@ -242,8 +247,8 @@ void validate(const TrainSettings& s) {
     check_variant(s.dim, s.variant);
     check_freeze(s);
   }
-  if (s.far_plane <= s.near_plane)
-    fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", s.far_plane, s.near_plane);
+  if (const auto [near, far] = planes_of(s); far <= near)
+    fail(ErrorKind::usage, "far_plane = {} must be larger than near_plane = {}", far, near);
   const bool sky = s.background.learnt == Background::Learnt::sky || !s.background.harmonics.empty();
   if (sky && s.refine_cameras != RefineCameras::none)
     fail(ErrorKind::usage, "refine_cameras does not support background = sky: choose background = learn");

@@ -78,7 +78,7 @@ struct TrainSettings : ReadSettings {
   double lambda_dssim = 0.2;
   double opacity_reg = 0.01;
   double scale_penalty = 0;  // the published 0.01 has no effect there (method.md 4.1)
-  Background background{};
+  Background background{.automatic = true};
   RandomBackground random_background{};  // method.md 4.11
   Appearance appearance{};               // of each training image, learnt (method.md 4.9)
   RefineCameras refine_cameras{};        // of the training images (method.md 4.10)
@@ -94,8 +94,8 @@ struct TrainSettings : ReadSettings {
 
   // Rendering
   double eps2d = 0.3;
-  double near_plane = 0.01, far_plane = 1e10;  // in the data's unit; a training that sets neither: times unit
-  std::string raster = "auto";                 // rasteriser: auto (cpu on vectors) | cpu | gpu
+  double near_plane = kAuto, far_plane = kAuto;  // auto: planes_of()
+  std::string raster = "auto";                   // rasteriser: auto (cpu on vectors) | cpu | gpu
   // Folder of cameras that a run has refined, which views of its data are drawn from: not in the table of
   // fields.
   std::string run_cameras;
@@ -129,6 +129,13 @@ struct TrainSettings : ReadSettings {
 std::span<const Field<TrainSettings>> train_fields();
 // Keys of the fields that have one of these uses (FieldUse).
 std::vector<std::string_view> keys_used(unsigned uses);
+
+// Splats are drawn whose depth is between these, in the unit of the data. Automatic ones are 0.01 and 1e10
+// units of training; where there is no training, of the data.
+struct Planes {
+  double near = 0, far = 0;
+};
+Planes planes_of(const TrainSettings& settings);
 
 // Throws Error(usage) for combinations that the fields' ranges cannot express.
 void validate(const TrainSettings& settings);

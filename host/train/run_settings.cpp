@@ -35,8 +35,8 @@ KernelConfig training_config(const TrainSettings& s, const DeviceInfo& device) {
 
 RenderSettings render_settings(const TrainSettings& settings) {
   RenderSettings render;
-  render.projection = {static_cast<float>(settings.near_plane), static_cast<float>(settings.far_plane),
-                       static_cast<float>(settings.eps2d)};
+  const auto [near, far] = planes_of(settings);
+  render.projection = {static_cast<float>(near), static_cast<float>(far), static_cast<float>(settings.eps2d)};
   const Background& behind = settings.background;
   for (std::size_t c = 0; c < 3; ++c) render.background[c] = static_cast<float>(behind.colour[c]);
   if (behind.learnt == Background::Learnt::no && behind.harmonics.empty()) return render;

@@ -60,7 +60,7 @@ RenderSettings TrainingViews::settings_of(std::uint64_t draw, RenderSettings set
   if (settings_.random_background != RandomBackground::on) return settings;
   const CounterRandom random(settings_.seed, kBackgroundStream);
   for (std::uint32_t c = 0; c < 3; ++c)
-    settings.background[c] = static_cast<float>(random.uniform(draw, c, 0, 1));
+    settings.background[c] = static_cast<float>(0.5 * settings.background[c] + 0.5 * random.uniform(draw, c));
   return settings;
 }
 

@@ -619,7 +619,7 @@ class Real(Case):
         self.assertEqual(run["ours"]["psnr"], metrics["test"]["mean"]["psnr"])
         self.assertGreater(run["ours"]["psnr"], 10)
         self.assertGreater(run["ours"]["fps"], 1)
-        chosen = {"conditioning": metrics["settings"]["conditioning"]}  # "auto" before the training
+        chosen = {key: metrics["settings"][key] for key in metrics["chosen"]}  # "auto" before the training
         self.assertEqual({**run["settings"], **chosen}, metrics["settings"])
         self.assertEqual(run["record"]["build"], metrics["build"])
         self.assertEqual((run["image_width"], run["published"]["psnr"]), (32, 30))

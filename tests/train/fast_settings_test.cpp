@@ -152,9 +152,8 @@ TEST_CASE("background: what is behind opaque images", "[schedule]") {
   const TrainSettings transparent = settled(settings, false);
   CHECK(transparent.random_background == RandomBackground::off);
   CHECK(transparent.background == Background{});
-  CHECK(settled(photographs, true).background == photographs.background);  // of a run that is continued
-  settings.background.colour = {1, 1, 1};
-  settings.chosen = {"background"};
+  CHECK(settled(photographs, true).background == photographs.background);
+  settings.background = {{1, 1, 1}};
   CHECK(settled(settings, true).background.colour == std::array<double, 3>{1, 1, 1});
   CHECK(settled(settings, true).random_background == RandomBackground::on);
   settings.background.learnt = Background::Learnt::colour;
@@ -184,7 +183,8 @@ TEST_CASE("fast settings: at the end the rates fall to zero", "[schedule]") {
 }
 
 TEST_CASE(
-    "data_specs: published.yaml is the defaults but for the first splats and conditioning, fast.yaml what "
+    "data_specs: published.yaml is the defaults but for first splats, conditioning, unit and background, "
+    "fast.yaml what "
     "a budget starts from",
     "[schedule]") {
   const auto text_of = [](TrainSettings settings, std::string_view without) {
@@ -201,6 +201,9 @@ TEST_CASE(
   standard.init_points = 100000;
   standard.init_extent = 1.3;
   standard.conditioning_auto = false;
+  standard.unit = 1;
+  standard.background = {};
+  standard.random_background = RandomBackground::off;
   CHECK(text_of(published, "") == text_of(standard, ""));
   load_yaml(bind_fields(fast, train_fields()), folder / "fast.yaml");
   TrainSettings many = fast_settings();

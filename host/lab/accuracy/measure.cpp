@@ -36,8 +36,8 @@ Problem problem_of(const NamedScene& scene, const TrainSettings& settings, const
   p.camera = view.camera;
   p.target = planar_target(view.load_image());
   p.background = scene.scene.background;
-  p.near_plane = settings.near_plane;
-  p.far_plane = settings.far_plane;
+  p.near_plane = planes_of(settings).near;
+  p.far_plane = planes_of(settings).far;
   p.eps2d = settings.eps2d;
   p.lambda_dssim = settings.lambda_dssim;
   p.query_grad = settings.query_grad;
@@ -88,7 +88,7 @@ const TruthEntry& Measurement::truth_of(const Configuration& configuration) {
   const ModelVariant variant = truth_variant(base_, configuration);
   const TrainSettings settings = apply(base_, configuration);
   const std::string key =
-      fmt::format("{} {} {} {} {} {}", to_string(variant), settings.near_plane, settings.far_plane,
+      fmt::format("{} {} {} {} {} {}", to_string(variant), planes_of(settings).near, planes_of(settings).far,
                   settings.eps2d, settings.lambda_dssim, settings.query_grad);
   const auto found = truths_.find(key);
   if (found != truths_.end()) return found->second;

@@ -14,8 +14,8 @@ std::string options_text(const ViewerPage& page, const TrainSettings& drawn, boo
   Json options = page_scene(page.scene, page.cameras);
   options.update({{"title", page.title},
                   {"background", drawn.background.colour},
-                  {"near", drawn.near_plane},
-                  {"far", drawn.far_plane},
+                  {"near", planes_of(drawn).near},
+                  {"far", planes_of(drawn).far},
                   {"eps2d", drawn.eps2d},
                   {"alphaMin", drawn.alpha_min},
                   {"start", page.start},
