@@ -334,9 +334,12 @@ int run(const TrainOptions& options) {
   RunKeeper keeper(folder, std::move(run), start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet || !ranks().first());
   std::optional<serve::LiveTraining> live;
-  if (server)
+  if (server) {
+    SplatModel model = initial;
+    scale_lengths(model, settings.unit);
     live.emplace(*server, options.serve_share, *device, trainer, settings,
-                 served_scene(start.out, initial, train_split));
+                 served_scene(start.out, model, in_unit(train_split, 1 / settings.unit)));
+  }
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
   take_pace(trainer, settings);

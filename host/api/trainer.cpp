@@ -130,6 +130,7 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     validate(t.settings);
     t.open = given(device, "device").open;
     t.set = given(data, "data").set;
+    if (t.settings.background.automatic) t.settings.background.colour = data->settings.background.colour;
     check_as_opened(t.settings, *data);
     const Split& train = train_of(*t.set);
     Dataset rest = without_views(*t.set);

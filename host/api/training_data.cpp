@@ -276,8 +276,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   if (at_one_place(cameras_of(train)))
     warn(
         "all training cameras have the same position, so the depth of what they see cannot be learnt: check "
-        "the "
-        "camera poses");
+        "the camera poses");
   if (!has_time(settings.dim) && !still(train))
     warn(
         "the training views have different times, but N = {} has no time dimension, so moving objects will "

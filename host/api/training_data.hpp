@@ -15,9 +15,9 @@
 
 namespace ubs {
 
-// With an image for every view, and the query values that N dimensions need. Fills in `dim` and `unit` where
-// they are automatic, and near and far plane in this unit where they are not set; what was chosen becomes
-// part of the data's report. Points of the data beyond cap_max are thinned out evenly. Where there are none,
+// With an image for every view, and the query values that N dimensions need. Fills in `dim`, `unit`,
+// `background` and `random_background` where they are automatic; what was chosen becomes part of the data's
+// report. Points of the data beyond cap_max are thinned out evenly. Where there are none,
 // so does --init-points auto, and the report says where the first splats lie. Unless training `begins` there
 // is a model already, and no points are placed.
 Split take_train(Dataset& data, TrainSettings& settings, bool begins = true);

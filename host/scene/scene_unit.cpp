@@ -2,6 +2,7 @@
 #include "host/scene/scene_unit.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <utility>
 
 #include "host/scene/spatial_factor.hpp"

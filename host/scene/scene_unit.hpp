@@ -5,7 +5,6 @@
 // model is multiplied by it afterwards.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <span>
 

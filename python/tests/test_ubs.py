@@ -297,13 +297,17 @@ def test_settings_take_numbers_of_numpy(folder: Path) -> None:
     assert np.array_equal(a.parameters["scale"], b.parameters["scale"])
 
 
-def test_data_are_read_with_the_settings_of_their_opening(folder: Path, data: ubs.Dataset) -> None:
+def test_data_are_read_with_the_settings_of_their_opening(
+    folder: Path, data: ubs.Dataset, tmp_path: Path
+) -> None:
     for key, value, opened in (("background", (1, 1, 1), "0,0,0"), ("downscale", 2, "1"), ("test_every", 4, "8")):
         message = f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"
         with pytest.raises(ubs.UsageError, match=message):
             ubs.Trainer(data, **{**SETTINGS, key: value})
-    with pytest.raises(ubs.UsageError, match="background = 0,0,0 has no effect here, .* 1,1,1"):  # nobody chose it
-        ubs.Trainer(ubs.Dataset.open(folder, background=(1, 1, 1)), **SETTINGS)
+    # An automatic one is that of the opening.
+    trained = ubs.train(ubs.Dataset.open(folder, background=(1, 1, 1)), **{**SETTINGS, "iterations": 1})
+    trained.save(tmp_path / "white.ply")
+    assert b"background=1,1,1 " in (tmp_path / "white.ply").read_bytes()
 
 
 def test_arrays_are_opaque_and_join_far_data(folder: Path, data: ubs.Dataset, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@
 #include "host/look/serve/live_page.hpp"
 #include "host/look/serve/painter.hpp"
 #include "host/look/serve/picture_pause.hpp"
+#include "host/scene/scene_unit.hpp"
 #include "host/train/run_settings.hpp"
 
 namespace ubs::serve {
@@ -39,6 +40,7 @@ struct LiveTraining::Implementation {
   Device& device;
   Trainer& trainer;
   const TimeSource& time;
+  double unit;  // of training, in the data
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -52,7 +54,8 @@ struct LiveTraining::Implementation {
   double spent = 0;  // seconds
   std::size_t pictures = 0;
 
-  std::string draw(const Camera& camera, bool exact, std::uint64_t most) {
+  std::string draw(Camera camera, bool exact, std::uint64_t most) {
+    scale_lengths(camera, 1 / unit);
     const RenderGroup group{stages.get(), trainer.device_model().view()};
     painter->use(render_settings(trainer.drawn_settings()));
     return painter->draw(std::span(&group, 1), camera, exact, most);
@@ -107,7 +110,7 @@ struct LiveTraining::Implementation {
 
 LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer& trainer,
                            const TrainSettings& settings, const Scene& scene, const TimeSource& time)
-    : own_(new Implementation{server, share / 100, device, trainer, time}) {
+    : own_(new Implementation{server, share / 100, device, trainer, time, settings.unit}) {
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());

@@ -32,7 +32,8 @@ struct Scene {
 class LiveTraining {
  public:
   // Builds the kernels, draws a first picture, and answers from now on. `share`: percent of the time that
-  // pictures may cost. What is referred to must outlive this.
+  // pictures may cost. `scene` is in the unit of the data, whatever settings.unit is. What is referred to must
+  // outlive this.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
