@@ -8,6 +8,7 @@
 
 #include "host/api/camera_rig.hpp"
 #include "host/base/error.hpp"
+#include "host/base/median.hpp"
 #include "host/base/warning.hpp"
 #include "host/data/align_cameras.hpp"
 #include "host/data/foreign_formats.hpp"
@@ -55,8 +56,7 @@ void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
 double median_pixels(const Split& train) {
   std::vector<double> pixels;
   for (const View& view : train.views) pixels.push_back(1.0 * view.camera.width * view.camera.height);
-  std::ranges::sort(pixels);
-  return pixels[pixels.size() / 2];
+  return median(std::move(pixels));
 }
 
 void note_cap(Dataset& data, const TrainSettings& settings) {
@@ -156,8 +156,7 @@ double typical_depth(const Dataset& data, const Split& train) {
   if (data.depth_bounds.size() == train.views.size()) {
     std::vector<double> middles;
     for (const auto& [near, far] : data.depth_bounds) middles.push_back(std::sqrt(near * far));
-    std::ranges::sort(middles);
-    if (const double middle = middles[middles.size() / 2]; middle > 0) return middle;
+    if (const double middle = median(std::move(middles)); middle > 0) return middle;
   }
   return initial_space(cameras, false).depth;
 }
@@ -189,7 +188,7 @@ void settle_background(Dataset& data, const Split& train, TrainSettings& setting
     fail(
         ErrorKind::data,
         "{}: the image may be transparent, but a background that is learnt or random requires opaque images: "
-        "choose --background R,G,B",
+        "choose --background R,G,B and --random-background off",
         transparent->name);
   const bool free = opaque && behind.automatic;
   behind.automatic = false;

@@ -12,7 +12,7 @@ struct Background {
   std::array<double, 3> colour{0, 0, 0};  // 0 to 1; of a sky the mean over all directions
   std::vector<double> harmonics;  // 24 numbers of degree 1 and 2, by function and channel; empty: no sky
   Learnt learnt = Learnt::no;     // in training, from `colour` on
-  bool automatic = false;         // `colour` is to be chosen from the data, and black until then
+  bool automatic = false;         // `colour` is still to be chosen from the data
   bool operator==(const Background&) const = default;
 };
 inline constexpr std::size_t kSkyHarmonics = 24;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/scene/pose.hpp"
 
-#include <algorithm>
+#include <utility>
+
+#include "host/base/median.hpp"
 
 namespace ubs {
 namespace {
@@ -133,9 +135,7 @@ std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double leas
 double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value) {
   std::vector<double> values;
   for (const Camera& c : cameras) values.push_back(value(c));
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return median(std::move(values));
 }
 
 }  // namespace ubs

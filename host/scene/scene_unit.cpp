@@ -1,31 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/scene/scene_unit.hpp"
 
-#include <algorithm>
 #include <memory>
 #include <utility>
 
+#include "host/base/median.hpp"
+#include "host/base/vector3.hpp"
 #include "host/scene/spatial_factor.hpp"
 
 namespace ubs {
 namespace {
 
-double median_of(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
-
 std::vector<double> depths_seen(const Camera& c, const PointCloud& points, std::size_t step) {
-  const auto& r = c.rotation;
   std::vector<double> depths;
   for (std::size_t i = 0; i < points.positions.size(); i += step) {
     const auto& p = points.positions[i];
-    std::array<double, 3> at = c.translation;
-    for (std::size_t row = 0; row < 3; ++row)
-      for (std::size_t k = 0; k < 3; ++k) at[row] += r[3 * row + k] * p[k];
-    const double column = c.fx * at[0] / at[2] + c.cx, line = c.fy * at[1] / at[2] + c.cy;
-    if (at[2] > 0 && column > 0 && line > 0 && column < c.width && line < c.height) depths.push_back(at[2]);
+    const Vec3 at = rotated(c.rotation, {p[0], p[1], p[2]}) + c.translation;
+    const double column = c.fx * at[0] / at[2] + c.cx, row = c.fy * at[1] / at[2] + c.cy;
+    if (at[2] > 0 && column > 0 && row > 0 && column < c.width && row < c.height) depths.push_back(at[2]);
   }
   return depths;
 }
@@ -46,12 +38,12 @@ class HeldImage : public ImageSource {
 std::optional<double> median_depth(std::span<const Camera> cameras, const PointCloud& points) {
   constexpr std::size_t kCameras = 256, kPoints = 10'000, kFewest = 10;
   std::vector<double> medians;
-  for (std::size_t i = 0; i < cameras.size(); i += cameras.size() / kCameras + 1) {
-    std::vector<double> depths = depths_seen(cameras[i], points, points.positions.size() / kPoints + 1);
-    if (depths.size() >= kFewest) medians.push_back(median_of(depths));
+  for (const Camera& camera : evenly_chosen(cameras, kCameras)) {
+    std::vector<double> depths = depths_seen(camera, points, points.positions.size() / kPoints + 1);
+    if (depths.size() >= kFewest) medians.push_back(median(std::move(depths)));
   }
   if (medians.empty()) return std::nullopt;
-  return median_of(medians);
+  return median(std::move(medians));
 }
 
 bool has_free_unit(const ModelVariant& variant) { return variant.cov_param != CovParam::skew_nd; }

@@ -120,11 +120,12 @@ const Field<S> kFields[] = {
     {"scale_penalty", "weight of the mean spatial scale in the loss", &S::scale_penalty, 0, 1e3},
     used(kOfDrawing | kSetFirst,
          {"background",
-          "colour behind the splats and behind transparent pixels, 0 to 1; of opaque photographs "
-          "also learnt: learn (one colour) or sky (by direction); their mean colour where it is not set",
+          "colour behind the splats and behind transparent pixels, 0 to 1; auto: the mean colour of opaque "
+          "images, "
+          "else black; of opaque images also learnt: learn (one colour) or sky (by direction)",
           &S::background, 0, 1}),
     {"random_background",
-     "a random colour behind each image in training, so that opaque images become opaque splats; auto: where "
+     "train each view before another random colour, so that opaque images become opaque splats; auto: where "
      "all "
      "images are opaque and no background is learnt",
      &choice<S, &S::random_background>, -1, 1, false, "auto|off|on"},

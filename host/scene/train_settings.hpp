@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every choice of a training run, with the published defaults (method.md 1.3, 4, 6). The table of fields
-// (train_fields) is the one place from which options, YAML keys, --set and the resolved
+// Every choice of a training run, with the published defaults (method.md 1.3, 4, 6) but for what is `auto`.
+// The table of fields (train_fields) is the one place from which options, YAML keys, --set and the resolved
 // configuration are made.
 #pragma once
 

@@ -19,8 +19,6 @@
 namespace ubs {
 namespace {
 
-constexpr double kRounding = 1e-6;  // of a model in another unit of length
-
 namespace fs = std::filesystem;
 using nlohmann::json;
 using test::check_error;
@@ -249,7 +247,7 @@ TEST_CASE("cli: a missing training image is named before training") {
 TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   const TempFolder folder;
   synthesise(folder);
-  train(folder, "run");
+  train(folder, "run", "--unit 1");
   for (const char* file : {"model.ply", "metrics.json", "log.csv", "config.yaml"})
     CHECK(fs::exists(folder / "run" / file));
 
@@ -276,13 +274,11 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     CHECK(pair.rgb[static_cast<std::size_t>(192 * 16 + x)] ==
           truth.rgb[static_cast<std::size_t>(96 * 16 + x)]);
 
-  // eval of the file gives what training measured in memory, in another unit of length.
+  // eval of the file gives what training measured in memory.
   const json eval =
       json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json --out e.json").out);
-  CHECK(eval["mean"]["psnr"].get<double>() ==
-        Approx(metrics["test"]["mean"]["psnr"].get<double>()).epsilon(kRounding));
-  CHECK(eval["mean"]["ssim"].get<double>() ==
-        Approx(metrics["test"]["mean"]["ssim"].get<double>()).epsilon(kRounding));
+  CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
+  CHECK(eval["mean"]["ssim"] == metrics["test"]["mean"]["ssim"]);
   CHECK(eval == json::parse(get(folder / "e.json")));
   CHECK(eval["mean"]["ssim_valid"].get<double>() < 1);
   CHECK(eval["frames"]["views"] == 3);
@@ -331,7 +327,8 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
 TEST_CASE("cli: a model keeps its form from training to evaluation") {
   const TempFolder folder;
   synthesise(folder);
-  train(folder, "run", "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on");
+  train(folder, "run",
+        "--dim 3 --kernel gaussian --colour sh2 --rot-mode quaternion --antialias on --unit 1");
   const json info = json::parse(ubs_ok(folder, "info run/model.ply --json").out);
   CHECK(info["variant"] == "rot_mode quaternion, kernel gaussian, colour sh2, antialias on");
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
@@ -340,8 +337,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   // The file alone tells eval how to draw: what training measured in memory comes back.
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
-  CHECK(eval["mean"]["psnr"].get<double>() ==
-        Approx(metrics["test"]["mean"]["psnr"].get<double>()).epsilon(kRounding));
+  CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
   CHECK(eval["variant"] == info["variant"]);
   ubs_ok(folder, "render --model run/model.ply --data data --out r --views 0");
   ubs_ok(folder, "gradients --model run/model.ply --data data --view 1 --out g.ply");
@@ -354,10 +350,45 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   check_error(folder, "train --data data --out no --kernel cubic", 2, "kernel");
 }
 
+TEST_CASE("cli: the unit of the data does not matter") {
+  const TempFolder folder;
+  synthesise(folder);
+  fs::copy(folder / "data", folder / "tiny", fs::copy_options::recursive);
+  constexpr double kFactor = 1e-4;
+  for (const char* file : {"transforms_train.json", "transforms_test.json"}) {
+    json poses = json::parse(get(folder / "tiny" / file));
+    for (json& frame : poses["frames"])
+      for (int row = 0; row < 3; ++row) {
+        json& position = frame["transform_matrix"][row][3];
+        position = kFactor * position.get<double>();
+      }
+    put(folder / "tiny" / file, poses.dump());
+  }
+  const auto trained = [&](const std::string& data, const std::string& out, const std::string& more = "") {
+    ubs_ok(folder, fmt::format("train --data {} --out {} {} {}", data, out, kTiny, more));
+    return json::parse(get(folder / out / "metrics.json"));
+  };
+  const json own = trained("data", "own"), tiny = trained("tiny", "tiny-run");
+  const auto number = [](const json& value) { return value.get<double>(); };
+  const double psnr = number(own["test"]["mean"]["psnr"]);
+  CHECK(number(tiny["test"]["mean"]["psnr"]) == Approx(psnr).margin(0.02));
+  CHECK(number(tiny["settings"]["unit"]) == Approx(kFactor * number(own["settings"]["unit"])));
+  CHECK(number(tiny["extent"]) == Approx(kFactor * number(own["extent"])));
+  CHECK(tiny["splats"] == own["splats"]);
+  CHECK(number(trained("tiny", "as-it-is", "--unit 1")["test"]["mean"]["psnr"]) < psnr - 0.5);
+  // The written model is in the unit of the data; its figures differ by the rounding of the multiplication.
+  for (const char* run : {"own", "tiny-run"}) {
+    const json measured = json::parse(ubs_ok(folder, fmt::format("eval {} --json", run)).out);
+    const json& then = run == std::string("own") ? own : tiny;
+    CHECK(number(measured["mean"]["psnr"]) == Approx(number(then["test"]["mean"]["psnr"])).margin(1e-5));
+  }
+  check_error(folder, "train --data data --out no --cov-param skew_nd --unit 5", 2, "choose unit = 1");
+}
+
 TEST_CASE("cli: work that is left out is recorded, and follows the configuration of the run") {
   const TempFolder folder;
   synthesise(folder);
-  train(folder, "run", "--alpha-min 0.05 --freeze rgb");
+  train(folder, "run", "--alpha-min 0.05 --freeze rgb --unit 1");
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics["settings"]["alpha_min"] == 0.05);
   CHECK(metrics["settings"]["freeze"] == "rgb");
@@ -369,8 +400,7 @@ TEST_CASE("cli: work that is left out is recorded, and follows the configuration
   CHECK(plain["alpha_min"] == 0.05);
   CHECK(whole["mean"]["psnr"] != plain["mean"]["psnr"]);
   CHECK(own["mean"]["psnr"] == plain["mean"]["psnr"]);
-  CHECK(own["mean"]["psnr"].get<double>() ==
-        Approx(metrics["test"]["mean"]["psnr"].get<double>()).epsilon(kRounding));
+  CHECK(own["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
   check_error(folder, "train --data data --out no --freeze colour", 2, "'colour' is not a parameter group");
   check_error(folder, eval + "--alpha-min 0.6", 2, "alpha_min");
 }
