@@ -116,7 +116,7 @@ class CudaDevice final : public Device, public TunableDevice {
     return pointer_of(view);
   }
   template <typename Parameter, typename T>
-  requires std::is_arithmetic_v<T>
+  requires std::is_trivially_copyable_v<T>
   static Parameter argument(const T& value) {
     static_assert(std::is_same_v<Parameter, T>, "scalar of another type than the kernel's parameter");
     return value;

@@ -39,12 +39,9 @@ void ImageLossKernels::run(const ImageLoss& loss) {
                  loss.clamp ? 1.0f : limit, maps_.view(), maps.pitch, maps.plane, tile_sums_.view(),
                  loss.mask);
   if (gradient) {
-    const float values = 3.0f * counted_pixels(loss);
-    const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
-                ssim = loss.lambda_dssim * loss.scale / values;
     device_.launch("loss_gradient", kernels.gradient, grid, kLossBlock, loss.image, bytes, floats, s.width,
-                   s.height, s.pitch(), s.rows(), first_channel, channels, l1, ssim, maps_.view(), maps.pitch,
-                   maps.plane, loss.v_image, loss.mask);
+                   s.height, s.pitch(), s.rows(), first_channel, channels, weights_per_value(loss),
+                   maps_.view(), maps.pitch, maps.plane, loss.v_image, loss.mask);
   }
   device_.launch("loss_total", kernels.total, 1, kLossTotalBlock, tile_sums_.view(), static_cast<int>(tiles),
                  counted_pixels(loss), loss.sums, loss.sums_offset);

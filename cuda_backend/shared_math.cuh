@@ -8,6 +8,7 @@
 #include "kernels/variant.h"
 #include "kernels/limits.h"
 #include "kernels/layout.h"
+#include "kernels/loss_weights.h"
 #include "kernels/dialect/entry.h"
 #include "cuda_backend/intrinsics.cuh"
 #include "kernels/math/elementary.h"

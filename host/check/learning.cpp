@@ -48,7 +48,8 @@ class Steps {
     moment2_.upload(s.moment2);
   }
   Regularise penalty(bool any = true) const {
-    return {splats(), v_params_.view(), any ? kOpacityWeight : 0, any ? kScaleWeight : 0};
+    return {splats(), v_params_.view(),
+            any ? PenaltyWeights{kOpacityWeight, kScaleWeight} : PenaltyWeights{}};
   }
   AdamStep adam(std::uint64_t step) const {
     return {.splats = splats(),

@@ -29,7 +29,7 @@ Findings check_loss(Device& device, Stages& stages) {
   ImageLoss loss{.shape = shape,
                  .image = image.view(),
                  .target = target.view(),
-                 .lambda_dssim = static_cast<float>(e.lambda_dssim),
+                 .weights = loss_weights(static_cast<float>(e.lambda_dssim)),
                  .v_image = v_image.view(),
                  .sums = sums.view()};
   stages.image_loss(loss);

@@ -67,7 +67,7 @@ void StageRun::iteration() {
                       .image = renderer_.image(),
                       .target = {},
                       .target_float = target_.view(),
-                      .lambda_dssim = static_cast<float>(problem_.lambda_dssim),
+                      .weights = problem_.loss,
                       .v_image = renderer_.v_image(),
                       .sums = sums_.view()});
   renderer_.backward(v_params_.view(), false);
@@ -106,10 +106,7 @@ std::vector<float> StageRun::image() const { return read_planes(renderer_.image(
 std::vector<float> StageRun::gradient() const {
   return download_rows(v_params_, model_.layout(), model_.count(), model_.stride()).values;
 }
-double StageRun::loss() const {
-  const std::vector<float> sums = sums_.download();
-  return (1 - problem_.lambda_dssim) * sums[0] + problem_.lambda_dssim * (1 - static_cast<double>(sums[1]));
-}
+double StageRun::loss() const { return loss_value(problem_.loss, sums_.download()); }
 
 std::vector<float> StageRun::gradient_of(std::span<const double> v_image) {
   renderer_.forward(model_.view(), 0, settings_, true);

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "host/device/loss_weights.hpp"
 #include "host/scene/camera.hpp"
 #include "host/scene/splat_model.hpp"
 #include "kernels/layout.h"
@@ -19,7 +20,8 @@ struct Problem {
   Camera camera;
   std::vector<float> target;  // (3, height, width)
   std::array<float, 3> background{};
-  double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3, lambda_dssim = 0.2;
+  double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
+  LossWeights loss = loss_weights(0.2f);
   bool query_grad = false;
   // By pixel: left out of images that are compared, and without a gradient. Empty: there are none.
   std::vector<std::uint8_t> undecided;

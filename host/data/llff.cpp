@@ -118,18 +118,22 @@ double time_of(std::size_t i, std::size_t count) {
 }
 
 LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, const DataRoot& root,
-                        const DatasetOptions& options) {
+                        NamedFiles& named, const DatasetOptions& options) {
   const std::vector<fs::path> files = pictures_in(images);
   if (files.size() != rows.size())
     fail(ErrorKind::data, "{}: {} images, but poses_bounds.npy has {} rows", images.string(), files.size(),
          rows.size());
   LoadedScene scene;
+  std::vector<StatedName> names;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    names.push_back({files[i].filename().string(), rows[i].where});
+  const std::vector<fs::path> masks = named.find_masks(names);
   std::vector<View> views;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     View view;
     view.name = files[i].stem().string();
     view.camera = rows[i].camera;
-    attach_image(view, rows[i].lens, root.check(files[i], rows[i].where), {}, options, scene.report);
+    attach_image(view, rows[i].lens, root.check(files[i], rows[i].where), masks[i], options, scene.report);
     check_camera(view.camera, rows[i].where);
     views.push_back(std::move(view));
   }
@@ -221,10 +225,13 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   auto videos = sorted_entries(folder, is_video);
-  // Beside pictures a video may be a walk through the scene.
-  if (videos.size() != rows.size() && is_folder(images)) videos.clear();
+  // A video beside images may be a walk through the scene.
+  const bool ignores_videos = videos.size() != rows.size() && is_folder(images);
+  const std::size_t ignored = ignores_videos ? videos.size() : 0;
+  if (ignores_videos) videos.clear();
   const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
   LoadedScene scene;
+  NamedFiles files(root, folder);  // for masks, and for what the folder holds beside
   if (!videos.empty()) {
     scene = load_dynamic(folder, videos, true, rows, root, options);
   } else if (!folders.empty()) {
@@ -232,13 +239,15 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
     if (options.read.images != "auto") root.add(images);  // the user's word
-    scene = load_static(images, rows, root, options);
+    scene = load_static(images, rows, root, files, options);
   }
-  NamedFiles files(root, folder);  // for what the folder holds beside: no file is named in this layout
   for (const Split& split : scene.splits)
     for (const View& view : split.views)
       if (!view.file.empty()) files.use(view.file);
   files.report(scene.report);
+  if (ignored > 0)
+    scene.report.note(
+        fmt::format("{} videos beside {} rows of poses_bounds.npy: not used", ignored, rows.size()));
   for (const char* name : {"points3d.ply", "points3D.ply"})
     if (!scene.points && path_exists(folder / name)) take_points(root.check(folder / name), scene);
   return scene;

@@ -183,6 +183,14 @@ void name_transforms_files(const fs::path& folder) {
        shell_word((folder / names.front()).string()));
 }
 
+// Notes the cameras of other layouts in the same folder.
+void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
+  for (const Layout& layout : kLayouts)
+    if (&layout != &used && layout.recognise(path))
+      report.note(fmt::format("the folder also has {}: not used (--layout {} would read it instead)",
+                              layout.has, layout.name));
+}
+
 }  // namespace
 
 std::string detect_layout(const fs::path& path) {
@@ -223,6 +231,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
+  note_other_layouts(path, layout, data.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)
     data.report.note_difference(results.size() == 1                ? text

@@ -6,6 +6,8 @@
 
 #include <cstdint>
 
+#include "kernels/loss_weights.h"
+
 namespace ubs {
 
 using u8 = std::uint8_t;
@@ -38,7 +40,7 @@ using WatchedAdamKernel = void(float* params, const float* v_params, float* mome
                                u32 stamp);
 inline constexpr Declared<WatchedAdamKernel> kWatchedAdam{"adam_step_watched"};
 using RegulariseKernel = void(const float* params, float* v_params, u32 count, u32 stride,
-                              float opacity_weight, float scale_weight);
+                              PenaltyWeights weights);
 inline constexpr Declared<RegulariseKernel> kRegularise{"regularise"};
 using AddNoiseKernel = void(float* params, u32 count, u32 stride, float amount, u32 seed0, u32 seed1,
                             u32 iteration0, u32 iteration1, u32 first_number);
@@ -81,8 +83,8 @@ using LossWindowKernel = void(const float* image, const u8* target, const float*
                               const u8* mask);
 using LossGradientKernel = void(const float* image, const u8* target, const float* target_float, int width,
                                 int height, int pitch, int rows, int first_channel, int channels,
-                                float weight_l1, float weight_ssim, const float* maps, int map_pitch,
-                                int map_plane, float* v_image, const u8* mask);
+                                LossWeights weights, const float* maps, int map_pitch, int map_plane,
+                                float* v_image, const u8* mask);
 using LossTotalKernel = void(const float* tile_sums, int tiles, float pixels, float* sums, u32 sums_offset);
 
 using MapColoursKernel = void(const float* image, u32 plane, const float* numbers, u32 first, float* mapped);

@@ -97,19 +97,18 @@ inline BiasCorrection bias_correction(const AdamStep& a) {
   return {static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2))};
 }
 
-// Weights of one splat's penalties, which are means over splats and, of scales, axes.
-struct PenaltyWeights {
-  float opacity, scale;
-};
-inline PenaltyWeights penalty_weights(const Regularise& a) {
-  const float count = static_cast<float>(a.total > 0 ? a.total : a.splats.count);
-  return {a.opacity / count, a.scale / (3 * count)};
+inline PenaltyWeights weights_per_splat(const Regularise& a) {
+  return per_splat(a.weights, static_cast<float>(a.total > 0 ? a.total : a.splats.count));
 }
 
 // That the means are over; 1 where none counts, whose sums are 0.
 inline float counted_pixels(const ImageLoss& loss) {
   if (loss.mask.size > 0) return static_cast<float>(std::max(1u, loss.counted));
   return static_cast<float>(loss.shape.width) * static_cast<float>(loss.shape.height);
+}
+
+inline LossWeights weights_per_value(const ImageLoss& loss) {
+  return per_value(loss.weights, loss.scale, 3.0f * counted_pixels(loss));
 }
 
 inline void check_image_loss(const ImageLoss& loss) {

@@ -30,10 +30,9 @@ class ParameterStages {
 
   void run(const Regularise& a) {
     check_view(a.splats, rows_);
-    if (a.splats.count == 0 || (a.opacity == 0 && a.scale == 0)) return;
-    const PenaltyWeights weights = penalty_weights(a);
-    step_.launch(kRegularise, a.splats.count, a.scale != 0 ? 4 : 1, a.splats.params, a.v_params,
-                 a.splats.count, a.splats.stride, weights.opacity, weights.scale);
+    if (a.splats.count == 0 || !any(a.weights)) return;
+    step_.launch(kRegularise, a.splats.count, 1, a.splats.params, a.v_params, a.splats.count, a.splats.stride,
+                 weights_per_splat(a));
   }
   void run(const AdamStep& a) {
     check_adam(a, rows_, trained_rows_);

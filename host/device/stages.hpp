@@ -15,6 +15,7 @@
 #include <variant>
 
 #include "host/device/device.hpp"
+#include "host/device/loss_weights.hpp"
 #include "host/scene/math_mode.hpp"
 #include "host/scene/model_variant.hpp"
 
@@ -185,7 +186,7 @@ struct MeasureWeights {  // what the splats of a forward pass do to its pixels; 
   BufferView<float> weights;  // out (intersections) by slot: largest transmittance * alpha in the tile
 };
 
-struct ImageLoss {  // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1) and its gradient
+struct ImageLoss {  // weighted sum of mean|I - T| and 1 - SSIM (method.md 4.1) and its gradient
   ImageShape shape;
   BufferView<float> image;          // (3, rows, pitch)
   BufferView<std::uint8_t> target;  // (3, height, width) planar 8 bit: value / 255; or
@@ -195,7 +196,7 @@ struct ImageLoss {  // (1-lambda) mean|I - T| + lambda (1 - SSIM) (method.md 4.1
   // others.
   BufferView<std::uint8_t> mask;  // (height, width); empty: all pixels count
   std::uint32_t counted = 0;      // with a mask: how many pixels count
-  float lambda_dssim = 0.2f;
+  LossWeights weights{0.8f, 0.2f};
   float scale = 1;            // of the gradient: 1 / batch
   bool clamp = false;         // evaluation: clamp the image to [0, 1] first
   BufferView<float> v_image;  // out (3, rows, pitch), 0 outside; left alone when empty
@@ -258,8 +259,7 @@ struct SkyStep {               // Adam; the constant colour stays within 0 and 1
 struct Regularise {  // method.md 4.1: gradients of the parameter penalties, added to v_params
   SplatView splats;
   BufferView<float> v_params;
-  float opacity = 0;        // lambda_o: mean of the base opacities
-  float scale = 0;          // lambda_s: mean of the spatial scales ("spatial_mean"); 0 = off
+  PenaltyWeights weights{};
   std::uint32_t total = 0;  // splats that the means are over; 0: these
 };
 

@@ -101,12 +101,9 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
          shape.rows(), first_channel, planes, low, high, maps_.view(), map_pitch, map_plane,
          tile_sums_.view(), loss.mask);
   if (!gradient) return;
-  const float values = 3.0f * counted_pixels(loss);
-  const float l1 = (1 - loss.lambda_dssim) * loss.scale / values,
-              ssim = loss.lambda_dssim * loss.scale / values;
   launch(kLossGradient, loss.image, bytes_of(loss), floats_of(loss), shape.width, shape.height, shape.pitch(),
-         shape.rows(), first_channel, planes, l1, ssim, maps_.view(), map_pitch, map_plane, loss.v_image,
-         loss.mask);
+         shape.rows(), first_channel, planes, weights_per_value(loss), maps_.view(), map_pitch, map_plane,
+         loss.v_image, loss.mask);
 }
 
 void ImageLossKernels::run(const ImageLoss& loss) {

@@ -33,12 +33,14 @@ constexpr ParameterType parameter_type() {
   using Pointee = std::remove_pointer_t<Parameter>;
   using T = std::remove_cv_t<Pointee>;
   constexpr bool slots = std::is_same_v<T, SlotViews>;
-  constexpr std::string_view name = std::is_same_v<T, float> || slots  ? "float"
-                                    : std::is_same_v<T, int>           ? "int"
-                                    : std::is_same_v<T, std::uint8_t>  ? "uchar"
-                                    : std::is_same_v<T, std::uint16_t> ? "ushort"
-                                    : std::is_same_v<T, std::uint32_t> ? "uint"
-                                                                       : "ulong";
+  constexpr std::string_view name = std::is_same_v<T, float> || slots   ? "float"
+                                    : std::is_same_v<T, int>            ? "int"
+                                    : std::is_same_v<T, std::uint8_t>   ? "uchar"
+                                    : std::is_same_v<T, std::uint16_t>  ? "ushort"
+                                    : std::is_same_v<T, std::uint32_t>  ? "uint"
+                                    : std::is_same_v<T, LossWeights>    ? "LossWeights"
+                                    : std::is_same_v<T, PenaltyWeights> ? "PenaltyWeights"
+                                                                        : "ulong";
   return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMaxPieces : 1};
 }
 
@@ -76,7 +78,7 @@ class Kernel {
     set(index, slots.bits);
   }
   template <typename T>
-  requires std::is_arithmetic_v<T>
+  requires std::is_trivially_copyable_v<T>
   void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);

@@ -20,7 +20,7 @@ inline constexpr Declared<CameraBackwardKernel> kCameraBackward{"camera_backward
 inline constexpr Declared<void(float* params, u32 count, u32 stride, u32 first_record, const float* cameras,
                                u32 camera, float near_plane, float far_plane, float eps2d,
                                const float* v_records, const float* v_params, u32 accumulate,
-                               float opacity_weight, float scale_weight, float* moment1, float* moment2,
+                               PenaltyWeights penalty, float* moment1, float* moment2,
                                const float* learning_rates, float beta1, float beta2, float epsilon,
                                float inverse_bias1, float inverse_sqrt_bias2, u32* sentinel, u32 stamp)>
     kLearn{"project_backward_adam"};

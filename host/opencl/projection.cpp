@@ -109,13 +109,12 @@ void Projection::run(const Learn& learn) {
   const AdamStep& step = learn.step;
   check_adam(step, rows_, trained_rows_);
   if (a.splats.count == 0) return;
-  const PenaltyWeights weights = penalty_weights(learn.penalty);
   const BiasCorrection bias = bias_correction(step);
   launch(kLearn, a.splats.count, a.splats.params, a.splats.count, a.splats.stride, a.first_record, a.cameras,
          a.camera, a.settings.near_plane, a.settings.far_plane, a.settings.eps2d, a.v_records, a.v_params,
-         static_cast<std::uint32_t>(a.accumulate), weights.opacity, weights.scale, step.moment1, step.moment2,
-         step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1, bias.inverse_sqrt2,
-         step.sentinel, step.stamp);
+         static_cast<std::uint32_t>(a.accumulate), weights_per_splat(learn.penalty), step.moment1,
+         step.moment2, step.learning_rates, step.beta1, step.beta2, step.epsilon, bias.inverse1,
+         bias.inverse_sqrt2, step.sentinel, step.stamp);
 }
 
 void Projection::run(const CameraBackward& work) {

@@ -19,8 +19,8 @@ std::string assemble(const std::vector<std::string>& names) {
     if (const std::size_t at = source.find(kOnce); at != std::string::npos) source.erase(at, kOnce.size());
     text += "#line 1 \"" + name + "\"\n" + source + "\n";
   };
-  for (const char* name : {"dialect/dialect.h", "variant.h", "limits.h", "layout.h", "dialect/entry.h",
-                           "opencl/stores.h", "math/elementary.h"})
+  for (const char* name : {"dialect/dialect.h", "variant.h", "limits.h", "layout.h", "loss_weights.h",
+                           "dialect/entry.h", "opencl/stores.h", "math/elementary.h"})
     append(name);
   for (const std::string& name : names) append(name);
   return text;

@@ -41,7 +41,7 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
        .target_float = target_buffer.view(),
        .mask = mask_buffer.view(),
        .counted = static_cast<std::uint32_t>(mask.size() - static_cast<std::size_t>(masked_out)),
-       .lambda_dssim = lambda_dssim,
+       .weights = loss_weights(lambda_dssim),
        .v_image = learns ? renderer.v_image() : BufferView<float>{},
        .sums = sums.view()});
   if (learns) renderer.backward(v_params, false);
@@ -49,7 +49,7 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
   ViewLoss out;
   out.l1 = values[0];
   out.ssim = values[1];
-  out.loss = (1.0 - lambda_dssim) * out.l1 + lambda_dssim * (1.0 - out.ssim);
+  out.loss = loss_value(loss_weights(lambda_dssim), values);
   return out;
 }
 

@@ -93,9 +93,8 @@ void KernelWarmUp::learn(Stages& stages) {
     device_.finish();
   }
   renderer.backward_to_records();
-  const Regularise penalty{.splats = model_.view(),
-                           .v_params = v_params_.view(),
-                           .opacity = static_cast<float>(settings_.opacity_reg)};
+  const Regularise penalty{
+      .splats = model_.view(), .v_params = v_params_.view(), .weights = penalty_weights(settings_)};
   AdamStep step{.splats = model_.view(),
                 .v_params = v_params_.view(),
                 .moment1 = moment1_.view(),

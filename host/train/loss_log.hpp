@@ -8,6 +8,7 @@
 
 #include "host/base/error.hpp"
 #include "host/device/device.hpp"
+#include "host/device/loss_weights.hpp"
 #include "host/scene/train_settings.hpp"
 
 namespace ubs {
@@ -16,7 +17,7 @@ class LossLog {
  public:
   LossLog(Device& device, const TrainSettings& settings)
       : rows_(static_cast<std::size_t>(settings.batch) * static_cast<std::size_t>(settings.log_every)),
-        lambda_dssim_(settings.lambda_dssim),
+        weights_(loss_weights(settings)),
         sums_(device, "loss sums", 8 * rows_) {}
 
   BufferView<float> view() const { return sums_.view(); }
@@ -29,13 +30,12 @@ class LossLog {
   }
   // Returns the loss of a draw, of what was downloaded.
   double loss(const std::vector<float>& sums, std::uint64_t draw) const {
-    const float* row = &sums[offset(draw)];
-    return (1 - lambda_dssim_) * row[0] + lambda_dssim_ * (1 - row[1]);
+    return loss_value(weights_, std::span(sums).subspan(offset(draw), 8));
   }
 
  private:
   const std::size_t rows_;
-  const double lambda_dssim_;
+  const LossWeights weights_;
   Buffer<float> sums_;
 };
 

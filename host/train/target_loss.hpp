@@ -24,7 +24,7 @@ inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferV
 inline ImageLoss training_loss(const Renderer& renderer, const Target& target, const TrainSettings& settings,
                                BufferView<float> sums) {
   ImageLoss loss = loss_of(renderer, target, sums);
-  loss.lambda_dssim = static_cast<float>(settings.lambda_dssim);
+  loss.weights = loss_weights(settings);
   loss.scale = 1.0f / static_cast<float>(settings.batch);
   loss.v_image = renderer.v_image();
   return loss;

@@ -179,8 +179,7 @@ void Trainer::update(int views) {
 Regularise Trainer::penalty() const {
   Regularise penalty{.splats = splats_->view(), .v_params = splats_->v_params(), .total = splats_->total()};
   if (!schedule_.regularises(progress_.iteration)) return penalty;
-  penalty.opacity = static_cast<float>(settings().opacity_reg);
-  penalty.scale = static_cast<float>(settings().scale_penalty);
+  penalty.weights = penalty_weights(settings());
   return penalty;
 }
 

@@ -348,7 +348,9 @@ UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
 }
 #endif
 
-// tile_sums: |I - T|, 1 - SSIM, (I - T)^2 of the tile. map_pitch and map_plane are 0 without gradient.
+#define LOSS_TILE_SUMS 4  // of which the first kLossQuantities are used
+
+// tile_sums: LOSS_TILE_SUMS numbers of each tile of each channel. map_pitch and map_plane are 0 without gradient.
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
     UBS_GLOBAL const float* image, UBS_GLOBAL const uchar* target, UBS_GLOBAL const float* target_float, int width,
     int height, int pitch, int rows, int first_channel, int channels, float low, float high,
@@ -357,7 +359,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   UBS_SHARED __attribute__((aligned(64))) real u[LOSS_ROWS * LOSS_COLUMNS];
   UBS_SHARED __attribute__((aligned(64))) real v[LOSS_ROWS * LOSS_COLUMNS];
   UBS_SHARED __attribute__((aligned(64))) real means[4 * LOSS_PART * LOSS_COLUMNS];
-  UBS_SHARED real shares[3 * LOSS_GROUP];
+  UBS_SHARED real shares[kLossQuantities * LOSS_GROUP];
   LossTile tile = LOSS_THIS_TILE;
   int plane = tile.plane, x0 = tile.x * LOSS_TILE_X, y0 = tile.y * LOSS_TILE_Y;
   LossShape s = {width, height, pitch, rows, first_channel + plane};
@@ -369,7 +371,8 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   load_tile(p, s, x0, y0, halo_vectors(columns), shift, u, v);
   LOSS_BARRIER
 
-  vreal sum_l1 = V(0.0), sum_ssim = V(0.0), sum_square = V(0.0);
+  vreal sums[kLossQuantities];
+  UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sums[q] = V(0.0);
   int vectors = columns / UBS_VW;
   for (int part = 0; part < LOSS_TILE_Y; part += LOSS_PART) {
     sum_columns(u + part * LOSS_COLUMNS, v + part * LOSS_COLUMNS, halo_vectors(columns), means);
@@ -379,9 +382,8 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
       SsimPoint point = ssim_point(sum_row(means + in_part * LOSS_COLUMNS + column), shift);
       vreal difference = UBS_LOAD(v + (row + kSsimRadius) * LOSS_COLUMNS + column + kSsimRadius);
       vmask inside = pixels_count(p, s, x0 + column, y0 + row);
-      sum_l1 += inside ? ubs_fabs(difference) : V(0.0);
-      sum_ssim += inside ? point.dissimilarity : V(0.0);
-      sum_square += inside ? difference * difference : V(0.0);
+      LossQuantities here = loss_quantities(difference, point);
+      UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sums[q] += inside ? here.of[q] : V(0.0);
       if (map_pitch == 0 || x0 + column >= pitch) continue;
       UBS_GLOBAL float* map = maps + (size_t)plane * 3 * map_plane +
                             (size_t)(y0 + row + kSsimRadius) * map_pitch + LOSS_MAP_MARGIN + x0 + column;
@@ -392,14 +394,12 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   }
 
   int me = ubs_local_id();
-  shares[me] = sum_lanes(sum_l1);
-  shares[LOSS_GROUP + me] = sum_lanes(sum_ssim);
-  shares[2 * LOSS_GROUP + me] = sum_lanes(sum_square);
+  UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) shares[q * LOSS_GROUP + me] = sum_lanes(sums[q]);
   LOSS_BARRIER
   size_t index = ((size_t)s.channel * (rows / LOSS_TILE_Y) + tile.y) * tile.across + tile.x;
 #if LOSS_GROUP > 1
   // One work-item would be at it for as long as all of them need for the tile.
-  for (int i = me; i < 3 * LOSS_TEAM; i += LOSS_GROUP) {
+  for (int i = me; i < kLossQuantities * LOSS_TEAM; i += LOSS_GROUP) {
     UBS_LOCAL real* of_quantity = shares + i / LOSS_TEAM * LOSS_GROUP + i % LOSS_TEAM;
     real sum = R(0.0);
     for (int k = 0; k < LOSS_GROUP; k += LOSS_TEAM) sum += of_quantity[k];
@@ -407,10 +407,10 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   }
   LOSS_BARRIER
 #endif
-  for (int q = me; q < 3; q += LOSS_GROUP) {
+  for (int q = me; q < kLossQuantities; q += LOSS_GROUP) {
     real sum = R(0.0);
     for (int i = 0; i < LOSS_TEAM; ++i) sum += shares[q * LOSS_GROUP + i];
-    tile_sums[index * 4 + q] = sum;
+    tile_sums[index * LOSS_TILE_SUMS + q] = sum;
   }
 }
 
@@ -454,7 +454,7 @@ UBS_UNROLL
 
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
     UBS_GLOBAL const float* image, UBS_GLOBAL const uchar* target, UBS_GLOBAL const float* target_float, int width,
-    int height, int pitch, int rows, int first_channel, int channels, float weight_l1, float weight_ssim,
+    int height, int pitch, int rows, int first_channel, int channels, LossWeights weights,
     UBS_GLOBAL const float* maps, int map_pitch, int map_plane, UBS_GLOBAL float* v_image,
     UBS_GLOBAL const uchar* mask UBS_CORE_PARAMETERS) {
   UBS_SHARED __attribute__((aligned(64))) real sums[3 * LOSS_PART * LOSS_COLUMNS];
@@ -463,7 +463,6 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
   LossShape s = {width, height, pitch, rows, first_channel + plane};
   LossPixels all = {image, target, target_float, -UBS_REAL_MAX, UBS_REAL_MAX, mask};
   LossPixels p = channel_pixels(all, s);
-  LossWeights weights = {weight_l1, weight_ssim};
   int columns = tile_columns(x0, pitch);
 
   int vectors = columns / UBS_VW;
@@ -504,35 +503,37 @@ UBS_FN LossSum add_share(LossSum s, real share) {
 // shares of a quantity.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
-  UBS_SHARED real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity
+  UBS_SHARED real shares[3 * kLossQuantities * (LOSS_SHARES + 1)], means[3 * kLossQuantities];  // of channels
   int me = ubs_local_id();
   for (int turn = 0; turn < 3 * LOSS_SHARES / LOSS_TOTAL_GROUP; ++turn) {
     int i = me + turn * LOSS_TOTAL_GROUP;
     int channel = i / LOSS_SHARES, share = i % LOSS_SHARES;
-    LossSum l1 = {R(0.0), R(0.0)}, ssim = l1, square = l1;
+    LossSum sum[kLossQuantities];
+    UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sum[q].sum = sum[q].lost = R(0.0);
     UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
     _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {  // so that four are on the way
       float4 tile_sum = of_channel[tile];
-      l1 = add_share(l1, tile_sum.x);
-      ssim = add_share(ssim, tile_sum.y);
-      square = add_share(square, tile_sum.z);
+      real of_tile[LOSS_TILE_SUMS] = {tile_sum.x, tile_sum.y, tile_sum.z, tile_sum.w};
+      UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sum[q] = add_share(sum[q], of_tile[q]);
     }
-    UBS_LOCAL real* mine = shares + channel * 3 * (LOSS_SHARES + 1) + share;
-    mine[0] = l1.sum;
-    mine[LOSS_SHARES + 1] = ssim.sum;
-    mine[2 * (LOSS_SHARES + 1)] = square.sum;
+    UBS_LOCAL real* mine = shares + channel * kLossQuantities * (LOSS_SHARES + 1) + share;
+    UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) mine[q * (LOSS_SHARES + 1)] = sum[q].sum;
   }
   UBS_BARRIER();
-  if (me < 9) {
+  if (me < 3 * kLossQuantities) {
     LossSum s = {R(0.0), R(0.0)};
     for (int i = 0; i < LOSS_SHARES; ++i) s = add_share(s, shares[me * (LOSS_SHARES + 1) + i]);
-    totals[me] = s.sum / pixels;
+    means[me] = s.sum / pixels;
   }
   UBS_BARRIER();
   if (me > 0) return;
   UBS_GLOBAL float* out = sums + sums_offset;
-  out[0] = (totals[0] + totals[3] + totals[6]) / R(3.0);
-  out[1] = R(1.0) - (totals[1] + totals[4] + totals[7]) / R(3.0);
-  for (int c = 0; c < 3; ++c) out[2 + c] = totals[3 * c + 2];
+  real of_image[kLossQuantities];
+  for (int q = 0; q < kLossQuantities; ++q)
+    of_image[q] = (means[q] + means[kLossQuantities + q] + means[2 * kLossQuantities + q]) / R(3.0);
+  out[0] = of_image[kLossL1];
+  out[1] = R(1.0) - of_image[kLossDissimilarity];
+  for (int c = 0; c < 3; ++c) out[2 + c] = means[c * kLossQuantities + kLossSquare];
   for (int i = 5; i < 8; ++i) out[i] = R(0.0);
+  for (int q = kLossSquare + 1; q < kLossQuantities; ++q) out[4 + q - kLossSquare] = of_image[q];
 }

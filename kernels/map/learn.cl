@@ -5,8 +5,8 @@
 
 UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL real* params,
                                         UBS_GLOBAL const real* v_records, UBS_GLOBAL const real* v_params,
-                                        uint accumulate, real opacity_weight, real scale_weight,
-                                        UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
+                                        uint accumulate, PenaltyWeights penalty, UBS_GLOBAL real* moment1,
+                                        UBS_GLOBAL real* moment2,
                                         UBS_GLOBAL const real* learning_rates, AdamConstants adam,
                                         UBS_GLOBAL uint* sentinel, uint stamp) {
   UBS_APART
@@ -35,9 +35,7 @@ UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL
       vreal param = UBS_LOAD(params + (size_t)k * view.stride + first);
       vreal value = in.contributing ? gradient.e[k] : V(0.0);
       if (accumulate) value += UBS_LOAD(v_params + at);
-      if (k == kRowOpacity && opacity_weight != R(0.0)) value += opacity_penalty_vjp(param, opacity_weight);
-      if (k >= kRowScale && k < kRowScale + 3 && scale_weight != R(0.0))
-        value += scale_penalty_vjp(param, scale_weight);
+      if (has_penalty(k, penalty)) value += penalty_vjp(k, param, penalty);
       AdamState s = adam_update(adam_load(param, moment1 + at, moment2 + at), value, learning_rates[k], adam);
       vmask not_finite = adam_not_finite(s);
       if (sentinel) s.param = not_finite ? param : s.param;
@@ -51,13 +49,13 @@ UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL
 UBS_KERNEL void project_backward_adam(UBS_GLOBAL real* params, uint count, uint stride, uint first_record,
                                       UBS_GLOBAL const real* cameras, uint camera, real near_plane,
                                       real far_plane, real eps2d, UBS_GLOBAL const real* v_records,
-                                      UBS_GLOBAL const real* v_params, uint accumulate, real opacity_weight,
-                                      real scale_weight, UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
+                                      UBS_GLOBAL const real* v_params, uint accumulate, PenaltyWeights penalty,
+                                      UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
                                       UBS_GLOBAL const real* learning_rates, real beta1, real beta2,
                                       real epsilon, real inverse_bias1, real inverse_sqrt_bias2,
                                       UBS_GLOBAL uint* sentinel, uint stamp UBS_CORE_PARAMETERS) {
   SplatsInView view = {params, count, stride, first_record, cameras, camera, near_plane, far_plane, eps2d};
   AdamConstants adam = {beta1, beta2, epsilon, inverse_bias1, inverse_sqrt_bias2};
-  project_backward_adam_items(UBS_CORE_FIRST_ITEM, view, params, v_records, v_params, accumulate, opacity_weight,
-                              scale_weight, moment1, moment2, learning_rates, adam, sentinel, stamp);
+  project_backward_adam_items(UBS_CORE_FIRST_ITEM, view, params, v_records, v_params, accumulate, penalty,
+                              moment1, moment2, learning_rates, adam, sentinel, stamp);
 }

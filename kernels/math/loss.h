@@ -57,13 +57,23 @@ UBS_FN SsimPoint ssim_point(SsimMeans m, real shift) {
   return p;
 }
 
-// Factors of the gradient; both contain 1 / (number of values) and the scale of the loss.
+// What is summed over the pixels: the terms of the loss, and what is only measured. A term that is added goes behind the
+// others; its mean is then the sixth number of the stage ImageLoss. There is room for four (LOSS_TILE_SUMS).
+enum { kLossL1, kLossDissimilarity, kLossSquare, kLossQuantities };
 typedef struct {
-  real l1, ssim;  // (1 - lambda) and lambda
-} LossWeights;
+  vreal of[kLossQuantities];
+} LossQuantities;
 
-// d loss / d x from the blurred maps of ssim_point. The slope of |v| at 0 is 0.
+UBS_FN LossQuantities loss_quantities(vreal v, SsimPoint point) {
+  LossQuantities q;
+  q.of[kLossL1] = ubs_fabs(v);
+  q.of[kLossDissimilarity] = point.dissimilarity;
+  q.of[kLossSquare] = v * v;
+  return q;
+}
+
+// d loss / d x from the blurred maps of ssim_point; the weights are those of one value. The slope of |v| at 0 is 0.
 UBS_FN vreal image_loss_vjp(LossWeights k, vreal u, vreal v, vreal mean, vreal square_u, vreal square_v) {
   vreal sign = v > V(0.0) ? V(1.0) : (v < V(0.0) ? V(-1.0) : V(0.0));
-  return k.l1 * sign - k.ssim * (mean + R(2.0) * (u * square_u + v * square_v));
+  return k.l1 * sign - k.dssim * (mean + R(2.0) * (u * square_u + v * square_v));
 }

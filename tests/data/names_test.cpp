@@ -8,6 +8,7 @@
 #include "host/data/named_files.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
+#include "tests/support/llff.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
@@ -39,6 +40,12 @@ void put_model(const fs::path& folder, const std::vector<std::string>& names) {
   for (std::size_t i = 0; i < names.size(); ++i)
     text += fmt::format("{} 1 0 0 0 {} 0 0 1 {}\n\n", i + 1, i, names[i]);
   put(folder / "images.txt", text);
+}
+
+void put_rows(const fs::path& folder, int count) {
+  std::vector<double> rows;
+  for (int i = 0; i < count; ++i) add_row(rows, i);
+  put_poses(folder / "poses_bounds.npy", rows);
 }
 
 // Opens the folder in each of the layouts that name files: stated names, files on the disk.
@@ -205,7 +212,8 @@ TEST_CASE("names: tens of thousands of files are found at once", "[names]") {
   }
 }
 
-// Every reader of data folders, with something in its input that it does not use.
+// Every reader of data folders, with something in its input that it does not use. A packed file holds nothing
+// else.
 TEST_CASE("silence: no reader leaves out without a word", "[names]") {
   struct Row {
     std::string what, words;
@@ -278,13 +286,34 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 16 12 5 5 8 6 0 0 0 0\n");
        }},
+      {"a video beside the images (llff)", "1 videos beside 2 rows of poses_bounds.npy: not used",
+       [](const fs::path& f) {
+         put_rows(f, 2), put(f / "walk.mp4", "");
+         put_image(f / "images/a.png", 128, 96), put_image(f / "images/b.png", 128, 96);
+       }},
+      {"a mask too many (llff)", "1 masks in 'masks' belong to no image (the first: 'masks/b.png')",
+       [](const fs::path& f) {
+         put_rows(f, 1), put_image(f / "images/a.png", 128, 96);
+         put_image(f / "masks/a.png", 128, 96), put_image(f / "masks/b.png", 128, 96);
+       }},
+      {"frames of one camera alone (n3v)", "cam00 has 1 frames, cam01 has 2: frames from 1 on are left out",
+       [](const fs::path& f) {
+         put_rows(f, 2);
+         for (const char* name : {"cam00/0.png", "cam01/0.png", "cam01/1.png"}) put_image(f / name, 128, 96);
+       }},
+      {"cameras of another layout",
+       "the folder also has poses_bounds.npy (LLFF, N3V): not used (--layout llff",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_rows(f, 1);
+         put_json(f / "transforms.json", {"images/a.png"});
+       }},
   };
   for (const Row& row : rows) {
     const TempFolder folder;
     row.put_in(folder.path());
-    const Opened said = opened(folder.path(), fs::exists(folder / "transforms_train.json")
-                                                  ? DatasetOptions{}
-                                                  : DatasetOptions{.read = {.test_every = 0}});
+    const bool has_splits = fs::exists(folder / "transforms_train.json") || fs::exists(folder / "cam00");
+    const Opened said =
+        opened(folder.path(), has_splits ? DatasetOptions{} : DatasetOptions{.read = {.test_every = 0}});
     INFO(row.what << ": " << said.error << "\n" << said.notes);
     CHECK_THAT(said.notes, Contains(row.words));
   }

@@ -13,6 +13,7 @@
 #include "host/scene/frustum_points.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/images.hpp"
+#include "tests/support/llff.hpp"
 
 using namespace ubs;
 using namespace ubs::test;
@@ -35,27 +36,6 @@ void put_frames(const TempFolder& folder, int frames = 4) {
 }
 
 const std::string kHead = R"("w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31, "cy": 25, )";
-
-// Row of poses_bounds.npy for a camera at (x, 0, 0) that looks along -z of the world with y up.
-void add_row(std::vector<double>& rows, double x) {
-  const double matrix[15] = {0, 1,   0, x, 96, -1, 0,  0,
-                             0, 128, 0, 0, 1,  0,  100};  // down = -y, right = x, back = z
-  rows.insert(rows.end(), matrix, matrix + 15);
-  rows.insert(rows.end(), {2.0, 9.0});
-}
-
-void put_poses(const std::filesystem::path& path, const std::vector<double>& values) {
-  std::string header =
-      fmt::format("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}", values.size() / 17);
-  header.append(117 - header.size(), ' ');
-  header += '\n';
-  std::string bytes("\x93NUMPY\x01\x00", 8);
-  bytes += static_cast<char>(header.size());
-  bytes += '\0';
-  bytes += header;
-  bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
-  put(path, bytes);
-}
 
 }  // namespace
 
@@ -275,6 +255,21 @@ TEST_CASE("dataset: formats of images that are not supported are named", "[datas
     put(folder / "transforms.json", json);
     CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.at(0).has_image());
   }
+}
+
+TEST_CASE("llff: masks beside the images", "[llff]") {
+  const TempFolder folder;
+  std::vector<double> rows;
+  for (int i = 0; i < 2; ++i) {
+    add_row(rows, i);
+    put_image(folder / fmt::format("images/{}.png", i), 128, 96);
+  }
+  put_poses(folder / "poses_bounds.npy", rows);
+  put_image(folder / "masks/1.png", 128, 96);
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
+  const std::vector<View>& views = data.find("train")->views;
+  CHECK(views[0].image.mask.empty());
+  CHECK(views[1].image.mask.size() == 128 * 96);
 }
 
 TEST_CASE("llff: hidden files of macOS are no images", "[llff]") {

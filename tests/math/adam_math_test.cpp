@@ -11,6 +11,7 @@
 // The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
 #include "kernels/layout.h"
+#include "kernels/loss_weights.h"
 #include "kernels/math/elementary.h"
 #include "kernels/math/adam.h"
 // clang-format on
@@ -89,6 +90,14 @@ TEST_CASE("penalties are the slopes of the activations", "[adam]") {
     CHECK(scale_penalty_vjp(raw, 0.25) ==
           Approx(central_difference(softplus, raw)).epsilon(1e-7).margin(1e-10));
   }
+  const PenaltyWeights both{0.5f, 0.25f}, no_scale{0.5f, 0};
+  for (int row = 0; row < kRowCount; ++row) {
+    const bool is_scale = row >= kRowScale && row < kRowScale + 3;
+    CHECK((has_penalty(row, both) != 0) == (row == kRowOpacity || is_scale));
+    CHECK((has_penalty(row, no_scale) != 0) == (row == kRowOpacity));
+  }
+  CHECK(penalty_vjp(kRowOpacity, 0.9, both) == opacity_penalty_vjp(0.9, 0.5));
+  CHECK(penalty_vjp(kRowScale + 2, 0.9, both) == scale_penalty_vjp(0.9, 0.25));
   // o (1 - o) without cancellation where 1 - o is far below an ulp of o.
   CHECK(opacity_penalty_vjp(50.0, 1.0) == Approx(std::exp(-50.0)).epsilon(1e-12));
 }

@@ -11,6 +11,7 @@
 
 // The dialect's headers build on one another in this order.
 #include "kernels/dialect/dialect.h"
+#include "kernels/loss_weights.h"
 #include "kernels/math/loss.h"
 // clang-format on
 
@@ -112,15 +113,16 @@ TEST_CASE("the gradient of the loss matches central differences", "[loss]") {
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) points.push_back(point_at(images.x, images.t, x, y, 0.25));
 
-  constexpr double kLambda = 0.3, kCount = kWidth * kHeight, kStep = 1e-6;
+  constexpr double kLambda = 0.25, kCount = kWidth * kHeight, kStep = 1e-6;
   for (int y = 0; y < kHeight; ++y)
     for (int px = y % 2; px < kWidth; px += 2) {
       const int i = y * kWidth + px;
       const double gradient =
-          image_loss_vjp({(1 - kLambda) / kCount, kLambda / kCount}, images.x[i] + images.t[i],
-                         images.x[i] - images.t[i], blur(px, y, [&](int j) { return points[j].mean; }),
+          image_loss_vjp({0.75f, 0.25f}, images.x[i] + images.t[i], images.x[i] - images.t[i],
+                         blur(px, y, [&](int j) { return points[j].mean; }),
                          blur(px, y, [&](int j) { return points[j].square_u; }),
-                         blur(px, y, [&](int j) { return points[j].square_v; }));
+                         blur(px, y, [&](int j) { return points[j].square_v; })) /
+          kCount;
       Plane plus = images.x, minus = images.x;
       plus[i] += kStep, minus[i] -= kStep;
       const double difference =
@@ -135,7 +137,7 @@ TEST_CASE("equal images have no dissimilarity and no gradient", "[loss]") {
   const SsimPoint p = point_at(images.x, images.x, 4, 4, 0.5);
   CHECK(p.dissimilarity == 0);
   CHECK(p.square_u == 0);
-  CHECK(image_loss_vjp({0.8, 0.2}, 1.0, 0.0, 0.0, 0.0, p.square_v) == 0);
+  CHECK(image_loss_vjp({0.8f, 0.2f}, 1.0, 0.0, 0.0, 0.0, p.square_v) == 0);
 }
 
 TEST_CASE("rounding noise in the variances cannot make the loss infinite", "[loss]") {

@@ -8,6 +8,7 @@
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/layout.h"
+#include "kernels/loss_weights.h"
 #include "kernels/math/elementary.h"
 #include "kernels/math/rotation.h"
 #include "kernels/math/covariance.h"

@@ -39,7 +39,8 @@ Rows gradient_rows(Device& device, const oracle::Scene& scene, KernelConfig conf
                         .sums = sums.view()});
     renderer.backward(v_params.view(), accumulate);
   }
-  stages->regularise({.splats = model.view(), .v_params = v_params.view(), .opacity = 0.01f, .scale = 0.01f});
+  stages->regularise(
+      {.splats = model.view(), .v_params = v_params.view(), .weights = {.opacity = 0.01f, .scale = 0.01f}});
   Rows rows;
   std::size_t at = 0;
   for (const ParameterGroup& group : parameter_groups(layout))

@@ -83,7 +83,7 @@ class LearnRun {
       v_image[i] = 1e-3f * std::sin(0.37f * static_cast<float>(i));
     v_image[20 * 48 + 20] += step.poison;
     device_.write(*renderer.v_image().memory, 0, std::as_bytes(std::span(v_image)));
-    const Regularise penalty{model.view(), v_params.view(), step.opacity, step.scale};
+    const Regularise penalty{model.view(), v_params.view(), {step.opacity, step.scale}};
     AdamStep adam{.splats = model.view(),
                   .v_params = v_params.view(),
                   .moment1 = moment1.view(),

@@ -60,7 +60,7 @@ TEST_CASE("groups of one model draw its image and get its gradient to the bit", 
                                      .image = two.image(),
                                      .target = {},
                                      .target_float = pixels.view(),
-                                     .lambda_dssim = 0.2f,
+                                     .weights = loss_weights(0.2f),
                                      .v_image = two.v_image(),
                                      .sums = sums.view()});
           std::vector<Buffer<float>> gradients;

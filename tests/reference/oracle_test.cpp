@@ -493,7 +493,7 @@ TEST_CASE("an exact image has no L1 gradient", "[oracle]") {
   const Scene scene = regular_scene({10, 6, 1, 24, 18});
   const Model model = to_model(scene.model);
   Options options = options_of(scene);
-  options.lambda_dssim = 0;
+  options.loss = loss_weights(0.0f);
   const Gradient g = gradient(model, scene.camera, render(model, scene.camera, options).image, options);
   CHECK(g.loss == 0);
   CHECK(std::all_of(g.values.begin(), g.values.end(), [](double x) { return x == 0; }));

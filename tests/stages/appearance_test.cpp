@@ -116,7 +116,7 @@ TEST_CASE("appearance: gradients of the image and of the numbers match the oracl
           target(p.target.begin(), p.target.end());
       const std::vector<double> seen = oracle::balanced_image(rows, image);
       const oracle::BalanceGradient want =
-          oracle::balance_gradient(rows, image, oracle::image_gradient(seen, target, width, height, 0.2));
+          oracle::balance_gradient(rows, image, oracle::image_gradient(seen, target, width, height, loss_weights(0.2f)));
       const Result got = run(device, stages, p, kFloats);
       double l1 = 0;
       for (std::size_t i = 0; i < seen.size(); ++i)

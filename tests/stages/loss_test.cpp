@@ -166,7 +166,7 @@ LossResult run(Device& device, Stages& stages, const Images& images, const RunOp
     loss.target_float = target_float.view();
   else
     loss.target = target.view();
-  loss.lambda_dssim = options.lambda;
+  loss.weights = loss_weights(options.lambda);
   loss.scale = options.scale;
   loss.clamp = options.clamp;
   if (options.gradient) loss.v_image = gradient.view();

@@ -212,7 +212,7 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
       Buffer<float> params = uploaded(device, raw);
       for (const float scale_weight : {0.0f, 0.3f}) {
         Buffer<float> gradient = uploaded(device, before);
-        stages.regularise({{params.view(), count, stride}, gradient.view(), 0.5f, scale_weight});
+        stages.regularise({{params.view(), count, stride}, gradient.view(), {0.5f, scale_weight}});
         const std::vector<float> after = gradient.download();
         for (std::size_t k = 0; k < rows; ++k)
           for (std::uint32_t i = 0; i < count; ++i) {
@@ -234,7 +234,7 @@ TEST_CASE("optimiser stages accept no splats and refuse broken calls", "[adam][d
     Buffer<float> a = uploaded(device, std::vector<float>(size, 1.0f)),
                   lr = uploaded(device, std::vector<float>(row_count(6), 1.0f));
     stages.adam({{a.view(), 0, 64}, a.view(), a.view(), a.view(), lr.view()});
-    stages.regularise({{a.view(), 0, 64}, a.view(), 1.0f, 1.0f});
+    stages.regularise({{a.view(), 0, 64}, a.view(), {1.0f, 1.0f}});
     CHECK(a.download() == std::vector<float>(size, 1.0f));
     AdamStep zeroth{{a.view(), 64, 64}, a.view(), a.view(), a.view(), lr.view()};
     zeroth.step = 0;

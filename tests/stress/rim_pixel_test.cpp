@@ -69,7 +69,7 @@ TEST_CASE_METHOD(Row, "four pixels on rims make the gradient error of the compar
   const std::size_t pixels = rim.size();
   const std::vector<double> weights =
       oracle::image_gradient(oracle::render_frame(v.frame, v.scene.camera, v.options).image, v.scene.target,
-                             v.scene.camera.width, v.scene.camera.height, 0.2);
+                             v.scene.camera.width, v.scene.camera.height, loss_weights(0.2f));
   std::vector<double> inner = weights;
   for (std::size_t i = 0; i < 3 * pixels; ++i)
     if (rim[i % pixels]) inner[i] = 0;

@@ -26,7 +26,7 @@ struct LossResult {
 };
 
 LossResult device_loss(DeviceRunner& runner, int width, int height, const std::vector<float>& image,
-                       const std::vector<float>& target, float lambda) {
+                       const std::vector<float>& target, LossWeights weights) {
   Device& device = runner.device();
   const ImageShape shape{width, height};
   const std::vector<float> padded = padded_planes(image, shape);
@@ -37,7 +37,7 @@ LossResult device_loss(DeviceRunner& runner, int width, int height, const std::v
                                .image = on_device.view(),
                                .target = {},
                                .target_float = targets.view(),
-                               .lambda_dssim = lambda,
+                               .weights = weights,
                                .v_image = v_image.view(),
                                .sums = sums.view()});
   const std::vector<float> values = sums.download(), g = cropped_planes(v_image.download(), shape);
@@ -61,13 +61,13 @@ double distance(const std::vector<double>& a, const std::vector<double>& b) {
 
 void compare_loss(Row& row, int width, int height, const std::vector<float>& image,
                   const std::vector<float>& target) {
-  const LossResult actual = device_loss(row.runner(), width, height, image, target, 0.2f);
+  const LossWeights weights = loss_weights(0.2f);
+  const LossResult actual = device_loss(row.runner(), width, height, image, target, weights);
   INFO(width << "x" << height);
   CHECK(actual.finite);
   const std::vector<double> a(image.begin(), image.end()), b(target.begin(), target.end());
-  const double lambda = 0.2f;
   const double ssim = oracle::ssim(a, b, 3, height, width);
-  const std::vector<double> g = oracle::image_gradient(a, b, width, height, lambda);
+  const std::vector<double> g = oracle::image_gradient(a, b, width, height, weights);
   row.check_error(std::abs(actual.ssim - ssim), "SSIM");
   row.check_error(distance(actual.gradient, g), "gradient of the loss");
 }

@@ -78,15 +78,12 @@ class ViewRun {
                                   .image = session_.renderer().image(),
                                   .target = {},
                                   .target_float = target_.view(),
-                                  .lambda_dssim = static_cast<float>(in_.settings.lambda_dssim),
+                                  .weights = loss_weights(in_.settings),
                                   .v_image = session_.renderer().v_image(),
                                   .sums = sums_.view()});
     session_.renderer().backward(v_params_.view(), false);
   }
-  double loss() const {
-    const std::vector<float> sums = sums_.download();
-    return (1 - in_.settings.lambda_dssim) * sums[0] + in_.settings.lambda_dssim * (1 - sums[1]);
-  }
+  double loss() const { return loss_value(loss_weights(in_.settings), sums_.download()); }
   SplatModel gradient() const {
     const DeviceModel& m = session_.model().groups().front();
     return download_rows(v_params_[0], m.layout(), m.count(), m.stride());

@@ -128,12 +128,12 @@ LossVectors loss_vectors() {
     loss.target.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(t, 0.0f, 1.0f))));
     target.push_back(static_cast<float>(loss.target.back()) / 255.0f);
   }
-  loss.lambda_dssim = static_cast<float>(p.lambda_dssim);
+  loss.lambda_dssim = p.loss.dssim;
   loss.values = loss_values(loss.image, target, loss.width, loss.height);
   std::vector<double> clamped = loss.image;
   for (double& x : clamped) x = std::clamp(x, 0.0, 1.0);
   loss.clamped = loss_values(clamped, target, loss.width, loss.height);
-  loss.v_image = oracle::image_gradient(loss.image, target, loss.width, loss.height, loss.lambda_dssim);
+  loss.v_image = oracle::image_gradient(loss.image, target, loss.width, loss.height, p.loss);
   return loss;
 }
 

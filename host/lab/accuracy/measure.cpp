@@ -39,7 +39,7 @@ Problem problem_of(const NamedScene& scene, const TrainSettings& settings, const
   p.near_plane = planes_of(settings).near;
   p.far_plane = planes_of(settings).far;
   p.eps2d = settings.eps2d;
-  p.lambda_dssim = settings.lambda_dssim;
+  p.loss = loss_weights(settings);
   p.query_grad = settings.query_grad;
   return p;
 }

@@ -24,14 +24,13 @@ std::vector<double> as_rounded(const std::vector<double>& values) {
 }
 
 double loss_of(std::span<const double> image, std::span<const double> target, const Problem& p) {
-  return oracle::image_loss(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  return oracle::image_loss(image, target, p.camera.width, p.camera.height, p.loss);
 }
 
 // d loss / d image, nothing where the problem says that pixels are not decided.
 std::vector<double> image_gradient(const Problem& p, std::span<const double> image,
                                    std::span<const double> target) {
-  std::vector<double> v =
-      oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.lambda_dssim);
+  std::vector<double> v = oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.loss);
   for (std::size_t i = 0; !p.undecided.empty() && i < v.size(); ++i)
     if (p.undecided[i % p.undecided.size()]) v[i] = 0;
   return v;
@@ -97,7 +96,7 @@ oracle::Options oracle_options(const Problem& p) {
   options.near_plane = p.near_plane;
   options.far_plane = p.far_plane;
   options.eps2d = p.eps2d;
-  options.lambda_dssim = p.lambda_dssim;
+  options.loss = p.loss;
   options.query_grad = p.query_grad;
   options.variant = p.model.variant;
   for (std::size_t c = 0; c < 3; ++c) options.background[c] = p.background[c];

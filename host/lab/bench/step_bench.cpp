@@ -71,7 +71,7 @@ void StepBench::step() {
                       .v_image = renderer_.v_image(),
                       .sums = sums_.view()});
   renderer_.backward(v_params_.view(), false);
-  stages_.regularise({.splats = model_.view(), .v_params = v_params_.view(), .opacity = 0.01f});
+  stages_.regularise({.splats = model_.view(), .v_params = v_params_.view(), .weights = {.opacity = 0.01f}});
   stages_.adam({.splats = model_.view(),
                 .v_params = v_params_.view(),
                 .moment1 = moment1_.view(),

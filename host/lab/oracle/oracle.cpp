@@ -81,18 +81,18 @@ double mean_absolute(std::span<const double> a, std::span<const double> b) {
 }  // namespace
 
 double image_loss(std::span<const double> image, std::span<const double> target, int width, int height,
-                  double lambda_dssim) {
-  return (1 - lambda_dssim) * mean_absolute(image, target) +
-         lambda_dssim * (1 - ssim(image, target, 3, height, width));
+                  LossWeights weights) {
+  return weights.l1 * mean_absolute(image, target) +
+         weights.dssim * (1 - ssim(image, target, 3, height, width));
 }
 
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
-                                   int height, double lambda_dssim) {
+                                   int height, LossWeights weights) {
   std::vector<double> g = ssim_gradient(image, target, 3, height, width);
   for (std::size_t i = 0; i < g.size(); ++i) {
     const double difference = image[i] - target[i];
     const double sign = difference > 0 ? 1 : difference < 0 ? -1 : 0;
-    g[i] = (1 - lambda_dssim) * sign / static_cast<double>(g.size()) - lambda_dssim * g[i];
+    g[i] = weights.l1 * sign / static_cast<double>(g.size()) - weights.dssim * g[i];
   }
   return g;
 }
@@ -222,8 +222,7 @@ Render render(const Model& model, const Camera& camera, const Options& options) 
 
 double loss(const Model& model, const Camera& camera, std::span<const double> target,
             const Options& options) {
-  return image_loss(render(model, camera, options).image, target, camera.width, camera.height,
-                    options.lambda_dssim);
+  return image_loss(render(model, camera, options).image, target, camera.width, camera.height, options.loss);
 }
 
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
@@ -233,9 +232,9 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
   Gradient result;
   result.l1 = mean_absolute(image.image, target);
   result.dssim = 1 - ssim(image.image, target, 3, camera.height, camera.width);
-  result.loss = (1 - options.lambda_dssim) * result.l1 + options.lambda_dssim * result.dssim;
+  result.loss = image_loss(image.image, target, camera.width, camera.height, options.loss);
   const std::vector<double> v_image =
-      image_gradient(image.image, target, camera.width, camera.height, options.lambda_dssim);
+      image_gradient(image.image, target, camera.width, camera.height, options.loss);
   result.values = parameter_gradients(frame, model, camera, options,
                                       footprint_gradients(frame, camera, options, v_image));
   return result;

@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "host/device/loss_weights.hpp"
 #include "host/scene/camera.hpp"
 #include "host/scene/splat_model.hpp"
 
@@ -19,7 +20,7 @@ namespace ubs::oracle {
 struct Options {
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   std::array<double, 3> background{0, 0, 0};
-  double lambda_dssim = 0.2;
+  LossWeights loss = loss_weights(0.2f);
   bool query_grad = false;    // let the view direction carry a gradient to the position
   double alpha_min = 0;       // contributions of alpha <= alpha_min are left out
   ModelVariant variant = {};  // form of the method; the rows of the model follow from it
@@ -49,7 +50,7 @@ struct Gradient {
   double loss = 0, l1 = 0, dssim = 0;
   std::vector<double> values;  // same layout as Model::values
 };
-// loss = (1 - lambda) * mean|I - target| + lambda * (1 - SSIM(I, target)); target is (3, H, W).
+// loss = weights.l1 * mean|I - target| + weights.dssim * (1 - SSIM(I, target)); target is (3, H, W).
 Gradient gradient(const Model& model, const Camera& camera, std::span<const double> target,
                   const Options& options);
 // Gradient of sum(weights * image); weights are (3, H, W).

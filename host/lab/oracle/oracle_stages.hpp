@@ -21,9 +21,9 @@ using FootprintGradient = std::array<double, kFootprintInputs>;
 Render render_frame(const Frame& frame, const Camera& camera, const Options& options);
 // oracle::loss of an image, and d loss / d image; image and target are (3, height, width).
 double image_loss(std::span<const double> image, std::span<const double> target, int width, int height,
-                  double lambda_dssim);
+                  LossWeights weights);
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
-                                   int height, double lambda_dssim);
+                                   int height, LossWeights weights);
 // By position in Frame::splats, given d loss / d image, and d loss / d depth of pixels with alpha > 1e-6;
 // either may be empty.
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
