@@ -8,6 +8,7 @@
 #include <set>
 #include <span>
 
+#include "host/api/lens_image.hpp"
 #include "host/api/open_data.hpp"
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
@@ -33,7 +34,7 @@ namespace fs = std::filesystem;
 struct RenderOptions : ModelOptions {
   explicit RenderOptions(CLI::App& app) : ModelOptions(app, drawing_keys()), path(app) {}
   PathOptions path;
-  std::string out, video, format = "png";
+  std::string out, video, format = "png", lens;
   std::vector<int> views;
   std::vector<std::string> channels{"rgb"};
   bool overwrite = false;
@@ -96,7 +97,7 @@ void save_channel(const RenderOptions& options, const std::string& channel, cons
 void check(const RenderOptions& options) {
   if (options.out.empty() && options.video.empty())
     fail(ErrorKind::usage, "no output given: pass --out DIR for images or --video FILE for a video");
-  options.path.check_unused();
+  options.path.check_unused(!options.lens.empty());
   if (!options.video.empty() && options.channels.size() != 1)
     fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
 }
@@ -124,11 +125,55 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   return wanted;
 }
 
-RenderedView draw(ModelSession& session, std::size_t view) {
-  session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(view), session.settings(),
-                             false);
-  return session.renderer().download();
+struct WideImage {
+  ImageSize size;
+  LensImage image;
+};
+std::optional<WideImage> lens_of(const RenderOptions& options) {
+  if (options.lens.empty()) return std::nullopt;
+  const bool panorama = options.lens == "equirectangular";
+  const ImageSize size =
+      options.path.size().value_or(panorama ? ImageSize{2048, 1024} : ImageSize{1024, 1024});
+  return WideImage{size, LensImage(wide_lens(options.lens, size.width, size.height))};
 }
+
+// Drawing draws the views of a split, each from one camera or, through a wide lens, from several.
+class Drawing {
+ public:
+  // Sets the sizes of the cameras of `split` to those of the images.
+  Drawing(std::optional<WideImage> lens, const RenderOptions& options, const LoadedModel& model,
+          const TrainSettings& settings, Split& split, bool depth)
+      : lens_(std::move(lens)),
+        session_(device_of_rank(options.device), model.model, cameras_behind(split), settings, depth) {}
+
+  RenderedView draw(std::size_t view) {
+    if (!lens_) return draw_camera(view);
+    std::vector<RenderedView> faces;
+    for (std::size_t i = 0; i < per_view_; ++i) faces.push_back(draw_camera(view * per_view_ + i));
+    return lens_->image.compose(faces);
+  }
+
+ private:
+  Split cameras_behind(Split& split) {
+    if (!lens_) return split;
+    Split faces{.name = split.name};
+    for (View& view : split.views) {
+      for (const Camera& camera : lens_->image.faces(view.camera)) faces.views.emplace_back().camera = camera;
+      view.camera.width = lens_->size.width, view.camera.height = lens_->size.height;
+    }
+    per_view_ = faces.views.size() / split.views.size();
+    return faces;
+  }
+  RenderedView draw_camera(std::size_t camera) {
+    session_.renderer().forward(session_.model().view(), static_cast<std::uint32_t>(camera),
+                                session_.settings(), false);
+    return session_.renderer().download();
+  }
+
+  std::optional<WideImage> lens_;
+  std::size_t per_view_ = 1;
+  ModelSession session_;
+};
 
 // Of `views` the ranks of a job have drawn one each, as far as there are so many: the first rank gets all;
 // {own} where it is alone.
@@ -154,17 +199,17 @@ std::vector<RenderedView> gather(RenderedView own, std::span<const View> views) 
 }
 
 // The same colours for the same depth throughout: the range of a few views stands for all.
-DepthRange common_range(ModelSession& session, std::size_t views) {
+DepthRange common_range(Drawing& drawing, std::size_t views) {
   constexpr std::size_t kSamples = 8;
   DepthRange range;
   for (std::size_t i = 0; i < std::min(views, kSamples); ++i)
-    range = united(range, depth_range(draw(session, i * views / std::min(views, kSamples))));
+    range = united(range, depth_range(drawing.draw(i * views / std::min(views, kSamples))));
   return range;
 }
 
 class Outputs {
  public:
-  Outputs(const RenderOptions& options, ModelSession& session, const Split& split)
+  Outputs(const RenderOptions& options, Drawing& drawing, const Split& split)
       : options_(options), channels_(options.channels.begin(), options.channels.end()) {
     if (options.video.empty()) return;
     const Camera& first = split.views.front().camera;
@@ -175,7 +220,7 @@ class Outputs {
              "of one size with --views",
              view.name, view.camera.width, view.camera.height, first.width, first.height);
     video_ = std::make_unique<VideoWriter>(options.video, first.width, first.height, options.path.fps());
-    if (channels_.contains("depth")) range_ = common_range(session, split.views.size());
+    if (channels_.contains("depth")) range_ = common_range(drawing, split.views.size());
   }
 
   void add(const View& view, const RenderedView& drawn) {
@@ -211,17 +256,18 @@ int run(RenderOptions& options) {
   files_before_output();
   if (options.data.empty()) options.path.look_around(!options.video.empty());
   check(options);
+  auto lens = lens_of(options);
   const LoadedModel loaded = options.load();
   RunData run;
   if (!options.data.empty()) run = use_run_data(options.model, options.data);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
-  const Split split = wanted_views(options, loaded, settings, run.opened);
+  Split split = wanted_views(options, loaded, settings, run.opened);
   const bool writes = ranks().first();
   const auto held = writes ? take_outputs(options, split) : nullptr;
   const bool depth = std::ranges::find(options.channels, "depth") != options.channels.end();
-  ModelSession session(device_of_rank(options.device), loaded.model, split, settings, depth);
+  Drawing drawing(std::move(lens), options, loaded, settings, split, depth);
   std::optional<Outputs> outputs;
-  if (writes) outputs.emplace(options, session, split);
+  if (writes) outputs.emplace(options, drawing, split);
   const InterruptGuard guard;
   CountProgress progress(split.views.size(), "views", !writes);
   const auto together = static_cast<std::size_t>(ranks().size());
@@ -234,7 +280,7 @@ int run(RenderOptions& options) {
     }
     const std::size_t own = i + static_cast<std::size_t>(ranks().rank());
     const std::vector<RenderedView> drawn = gather(
-        own < split.views.size() ? draw(session, own) : RenderedView{}, std::span(split.views).subspan(i));
+        own < split.views.size() ? drawing.draw(own) : RenderedView{}, std::span(split.views).subspan(i));
     for (std::size_t k = 0; writes && k < drawn.size(); ++k) {
       outputs->add(split.views[i + k], drawn[k]);
       progress.update(i + k + 1);
@@ -261,6 +307,11 @@ Command add_render(CLI::App& root) {
                   "clamped) [png]")
       ->check(CLI::IsMember({"png", "npy"}))
       ->type_name("png|npy");
+  app->add_option(
+         "--lens", options->lens,
+         "render through this lens instead of a pinhole: equirectangular (360-degree panorama) or "
+         "fisheye:DEGREES [180]; --size is 2048x1024 or 1024x1024 unless given, depth is the distance")
+      ->type_name("LENS");
   app->add_option("--views", options->views, "indices of the views to render, such as 0,3,5 [all]")
       ->delimiter(',')
       ->type_name("K,K,...");

@@ -94,6 +94,42 @@ TEST_CASE("render --path: models of several N, depth, alpha, the cameras of data
   CHECK(load_image(folder / "o/frame_0001.png").width == 33);
 }
 
+TEST_CASE("render --lens: a panorama and a fisheye show what a pinhole shows in the same directions") {
+  const TempFolder folder;
+  write_splat_ply(folder / "m.ply", scene(6));
+  test::put(folder / "k.json",
+            R"({"keyframes": [{"position": [0,-1,0], "look_at": [0,0,0], "up": [0,0,1]}]})");
+  const auto draw = [&](const std::string& options) {
+    run_ok(folder, "m.ply --path k.json --path-frames 1 --out o --overwrite " + options);
+    return load_image(folder / "o/frame_0000.png");
+  };
+  const Image8 pinhole = draw("--size 129x129 --fov 90");
+  const auto error = [&](const Image8& wide, double pixels_per_radian, bool panorama) {
+    double sum = 0;
+    for (int y = 34; y < 95; ++y)  // up to 25 degrees from the axis
+      for (int x = 34; x < 95; ++x) {
+        const double u = (x - 64) / 64.5, v = (y - 64) / 64.5, r = std::hypot(u, v);
+        const double angle = r > 0 ? std::atan(r) / r : 1;
+        const double across = panorama ? std::atan(u) : angle * u;
+        const double down = panorama ? std::atan2(v, std::hypot(u, 1)) : angle * v;
+        const auto column = static_cast<std::size_t>(wide.width / 2 + std::floor(pixels_per_radian * across));
+        const auto row = static_cast<std::size_t>(wide.height / 2 + std::floor(pixels_per_radian * down));
+        for (std::size_t c = 0; c < 3; ++c)
+          sum += std::abs(wide.rgb[3 * (row * static_cast<std::size_t>(wide.width) + column) + c] -
+                          pinhole.rgb[3 * static_cast<std::size_t>(129 * y + x) + c]);
+      }
+    return sum / (3 * 61 * 61);
+  };
+  const Image8 panorama = draw("--size 512x256 --lens equirectangular");
+  CHECK((panorama.width == 512 && panorama.height == 256));
+  CHECK(error(panorama, 512 / (2 * M_PI), true) < 1.7);  // observed 0.87 of 255
+  CHECK(error(panorama, 400 / (2 * M_PI), true) > 8);
+  const Image8 fisheye = draw("--size 256x256 --lens fisheye:200 --channels rgb,alpha,depth");
+  CHECK(error(fisheye, 256 / (200 * M_PI / 180), false) < 2);  // observed 1.02
+  CHECK((fisheye.rgb[0] == 0 && load_image(folder / "o/frame_0000_alpha.png").rgb[0] == 0));
+  CHECK(std::filesystem::exists(folder / "o/frame_0000_depth.png"));
+}
+
 TEST_CASE("render --path: refuses in one line and leaves nothing") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(3));
@@ -118,6 +154,9 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
   refused("m.ply --path orbit --video v.avi --loops 0", 2, "--loops");
   refused("m.ply --path orbit --video v.avi --up 0,0", 2, "--up 0,0");
   refused("m.ply --data d --loops 2 --out o", 2, "--loops belongs to --path");
+  refused("m.ply --lens wide --out o", 2, "--lens wide: expected equirectangular");
+  refused("m.ply --path orbit --lens fisheye:400 --out o", 2, "--lens fisheye:400");
+  refused("m.ply --path orbit --lens equirectangular --size 8x4 --out o", 2, "8x4 pixels are too few");
   // These were ignored.
   refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size belongs to --path");
   refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov belongs to --path");

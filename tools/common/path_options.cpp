@@ -97,7 +97,7 @@ PathOptions::PathOptions(CLI::App& app) {
   app.add_option("--fps", fps_, "frames per second of the video [30]")
       ->type_name("NUMBER")
       ->check(from_to(0.01, 1000.0));
-  add("--size", size_, "size of the images [as in the data, otherwise 800x600]", "WxH");
+  size_option_ = add("--size", size_, "size of the images [as in the data, otherwise 800x600]", "WxH");
   add("--fov", fov_, "horizontal field of view in degrees [as in the data, otherwise 50]", "NUMBER")
       ->check(from_to(1.0, 170.0));
   CLI::Option* loops =
@@ -127,10 +127,15 @@ void PathOptions::look_around(bool video) {
   if (!video && frames_option_->count() == 0) frames_ = kPicturesAround;
 }
 
-void PathOptions::check_unused() const {
+std::optional<ImageSize> PathOptions::size() const {
+  if (size_.empty()) return std::nullopt;
+  return parse_size("--size", size_);
+}
+
+void PathOptions::check_unused(bool sized) const {
   if (!path_.empty()) return;
   for (const CLI::Option* option : options_)
-    if (option->count() > 0 && !(holds() && option == frames_option_))
+    if (option->count() > 0 && !(holds() && option == frames_option_) && !(sized && option == size_option_))
       fail(ErrorKind::usage, "{} belongs to --path", option->get_name());
 }
 
@@ -212,10 +217,7 @@ void PathOptions::set_times(std::vector<Pose>& poses, bool from_path, const Mixe
 Canvas PathOptions::canvas(std::span<const Camera> cameras, bool even) const {
   Canvas canvas;
   if (!cameras.empty()) canvas = {cameras[0].width, cameras[0].height, {}};
-  if (!size_.empty()) {
-    const ImageSize size = parse_size("--size", size_);
-    return {size.width, size.height, {}};
-  }
+  if (const auto wanted = size()) return {wanted->width, wanted->height, {}};
   if (even) {
     canvas.width -= canvas.width % 2;
     canvas.height -= canvas.height % 2;

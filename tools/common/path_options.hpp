@@ -38,9 +38,11 @@ class PathOptions {
   // The fixed time, where --time gives one and there is no path. Throws Error(usage) for a range.
   std::optional<double> single_time(const MixedModel& model) const;
   double fps() const { return fps_; }
+  // The size that was asked for.
+  std::optional<ImageSize> size() const;
   // Throws Error(usage) when one of the other options, but for --time, is given without --path (with --hold:
-  // but for --path-frames too).
-  void check_unused() const;
+  // but for --path-frames too). `sized`: --size has a use without a path.
+  void check_unused(bool sized = false) const;
   // Views frame_0000, ... in the coordinates of the model. `cameras`: of the data, may be empty. `even`: a
   // size that was not asked for is rounded down to even numbers.
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
@@ -60,7 +62,8 @@ class PathOptions {
   int frames_ = 120, hold_ = -1;
   double fps_ = 30, fov_ = 0, loops_ = 1, distance_ = 0, elevation_ = 0;
   std::vector<CLI::Option*> options_, turning_;
-  CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr, *up_option_ = nullptr;
+  CLI::Option *elevation_option_ = nullptr, *frames_option_ = nullptr, *up_option_ = nullptr,
+              *size_option_ = nullptr;
 };
 
 }  // namespace ubs::tools
