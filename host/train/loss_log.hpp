@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LossLog keeps on the device what Stages::image_loss says of the views since the last report: rows of eight
-// sums, by draw.
+// LossLog stores the results of Stages::image_loss on the device for all views since the last report: one row
+// of eight sums per draw.
 #pragma once
 
 #include <span>
@@ -27,7 +27,7 @@ class LossLog {
       fail(ErrorKind::internal, "{} loss sums for {}", sums.size(), sums_.size());
     sums_.upload(sums);
   }
-  // Returns the loss of a draw, of what was downloaded.
+  // Returns the loss of a draw. `sums` is the result of download().
   double loss(const std::vector<float>& sums, std::uint64_t draw) const {
     const float* row = &sums[offset(draw)];
     return (1 - lambda_dssim_) * row[0] + lambda_dssim_ * (1 - row[1]);
