@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loss of one view and its gradient with respect to every raw parameter, without regularisers: the door
-// through which other implementations and the test oracle check this one.
+// view_gradient() computes the loss of one view and its gradient with respect to every raw parameter, without
+// regularisers. It is the interface for comparing this implementation with others and with the oracle of the
+// tests.
 #pragma once
 
 #include <span>
@@ -15,27 +16,27 @@ struct ViewLoss {
   double l1 = 0, ssim = 0;
 };
 struct ViewGradient : ViewLoss {
-  SplatModel values;  // gradient in place of each parameter
+  SplatModel values;  // the gradient with respect to each parameter, in its place
 };
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
   CameraGradient camera;
 };
 
-// With what is there already: the renderer, whose camera it sets, and room for the gradients (empty: the loss
-// alone).
+// Computes the loss and the gradients with an existing renderer, whose camera it replaces, and into existing
+// buffers v_params. If v_params is empty, it only computes the loss.
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                    std::span<const BufferView<float>> v_params, const Camera& camera,
                    std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                    std::span<const std::uint8_t> mask);
 
-// target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty.
-// The stages must have backward and nothing frozen.
+// target: (3, height, width) planar, any real values; mask: (height, width), 0: the pixel does not count;
+// empty: all pixels count. The stages must be configured with `backward` and without frozen parameters.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                            std::span<const std::uint8_t> mask = {});
-// The same for groups, and with `camera_too` the gradient of the camera; of `config` they replace N and the
-// form.
+// The same for a model of several groups, and with `camera_too` also the gradient of the camera. N and
+// variant of `config` are replaced by those of the groups.
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
                                 const RenderSettings& settings, float lambda_dssim,
