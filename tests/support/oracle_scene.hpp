@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene of the oracle (host/lab/oracle/scenes.hpp) as the pipeline takes it.
+// These functions convert a scene of the oracle (host/lab/oracle/scenes.hpp) to inputs of the pipeline.
 #pragma once
 
 #include <vector>
