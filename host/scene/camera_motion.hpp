@@ -25,9 +25,9 @@ Camera moved(const Camera& camera, const CameraMove& move, double depth);
 // Returns the motion from the pose of `from` to that of `to`. The numbers of the lens are 0.
 CameraMove pose_move(const Camera& from, const Camera& to, double depth);
 
-// Rotates, shifts and scales all cameras together, which changes no image. Afterwards the mean rotation
-// relative to the given cameras is 0, and the mean centre and the mean squared distance from it are those of
-// the given cameras.
+// A rotation, shift and scaling of the whole world changes no image, so it can be chosen freely. This
+// function transforms all cameras together so that their mean rotation relative to the given cameras is 0,
+// and their mean centre and mean squared distance from it are those of the given cameras.
 void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given);
 
 }  // namespace ubs

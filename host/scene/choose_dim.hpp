@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// choose_dim() chooses the dimensions of a model that vary in a data set (`--dim auto`).
+// choose_dim() chooses the dimensions of a model for `--dim auto`: those that vary between the views of a
+// data set.
 #pragma once
 
 #include <span>

@@ -27,8 +27,9 @@ struct Reconditioned {
 Reconditioned to_direct(const SplatModel& model);
 
 // Converts to covariance conditioning. Throws Error(data) with the number of splats that no covariance can
-// represent: with weights, the motion of a mean with the query may require a larger spatial extent than the
-// splat has. Throws Error(usage) for a model without direct conditioning.
+// represent. Such splats are possible if there are weights, because the motion of the mean with the query may
+// then require a larger spatial extent than the splat has. Throws Error(usage) for a model without direct
+// conditioning.
 Reconditioned to_covariance(const SplatModel& model);
 
 }  // namespace ubs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Split is the result of a loader: named views with cameras and, if the files exist, 8-bit images that are
+// Split is the result of a loader: named views with cameras and, if the files exist, 8-bit images that are
 // already composited on the background. Images are in memory, or are decoded on demand if they do not fit
 // there.
 #pragma once

@@ -125,7 +125,8 @@ double raw_colour(double value, const ModelVariant& variant) {
 void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
   if (!model.variant.has_query_beta()) return;
-  // Learnt weights have no exponent that a low beta would make wider. They start at 1/2.
+  // Learnt weights are not exponents, so a low beta would not make the splats visible from more directions.
+  // They start at 1/2.
   const double beta_dir =
       options.beta_dir.value_or(model.dim == 7 && !model.variant.learnt_weights() ? -3.0 : 0.0);
   const int directions = layout.query >= 3 ? 3 : 0;

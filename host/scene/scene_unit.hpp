@@ -32,7 +32,8 @@ void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);
 void scale_lengths(Split& split, double factor);
 
-// Converts the settings for data that are divided by settings.unit. An automatic unit counts as 1.
+// Converts the settings so that they apply to data that are divided by settings.unit. An automatic unit
+// counts as 1.
 TrainSettings in_unit(TrainSettings settings);
 // Returns the same views with the positions of the cameras divided by `unit`. Images in memory are not
 // copied, so `split` must outlive them.

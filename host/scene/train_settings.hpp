@@ -101,14 +101,14 @@ struct TrainSettings : ReadSettings {
   double eps2d = 0.3;
   double near_plane = kAuto, far_plane = kAuto;  // auto: planes_of()
   std::string raster = "auto";                   // rasteriser: auto (cpu on devices with vectors) | cpu | gpu
-  // Folder of a run with refined cameras, with which the views of its data are rendered. Not in the table of
+  // Folder of a run whose refined cameras are used to render the views of its data. Not in the table of
   // fields.
   std::string run_cameras;
   // How training handles the size of the tile lists: wait for it, or use an upper bound and check it later;
   // auto: by device type. The results are the same. Not in the table of fields, because it is only for tests
   // and benchmarks.
   ListCounts list_counts{};
-  // Keys that the user has set, also if to the default value. Automatic schedules do not change these
+  // Keys that the user has set, even to their default values. Automatic schedules do not change these
   // settings. Not in the table of fields.
   std::set<std::string, std::less<>> chosen;
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)

@@ -16,7 +16,7 @@ constexpr double kMostPixels = 2e5;  // maximum size of the image that a step us
 // The model has adapted to the present cameras and therefore holds them back. Longer steps compensate for
 // this.
 constexpr double kStretch = 1.3;
-// Moves that hardly change the image are held back, because an unfinished model determines them badly.
+// Moves that hardly change the image are held back, because an unfinished model determines them poorly.
 constexpr double kFirstRidge = 0.03;
 // Cameras and model can drift together in directions that no image determines. Starting from correct poses,
 // they drifted by 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md). This prior prevents it.
@@ -71,9 +71,9 @@ int CameraRefiner::factor_for(std::size_t view, int factor) const {
   return factor;
 }
 
-// Refines one lens with the normal equations of all views that share it. The pose of each view is eliminated
-// first (Schur complement): what remains is the lens part of the equations under the assumption that every
-// pose follows each change of the lens optimally.
+// Refines one lens with the normal equations of all views that share it. First the pose of each view is
+// eliminated (Schur complement). The remaining equations contain only the lens; they assume that every pose
+// follows a change of the lens optimally.
 void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens) {
   NormalEquations sum;
   for (std::size_t i = 0; i < cameras_.size(); ++i) {

@@ -70,7 +70,7 @@ void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, 
   view.lpips = more.lpips(drawn, truth);
 }
 
-// Sends the results of measure_more() for each view from the rank that rendered it to all ranks. JSON
+// Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. JSON
 // preserves every bit of a double.
 void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
   if (ranks.size() == 1) return;
@@ -175,7 +175,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
                  std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
-  // The sums of the images after the appearance fit follow after those of the unchanged images.
+  // The sums for the images after the appearance fit are stored behind those for the unchanged images.
   Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
   if (ranks.size() > 1) sums.zero();
   Buffer<float> appearance;

@@ -64,7 +64,7 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
                   const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
                   std::uint32_t first_target, Metrics& metrics);
 
-// The same for several ranks, which divide the views among them and all get the same result. `draw` renders a
+// The same for several ranks. They divide the views among them, and all get the same result. `draw` renders a
 // view into the renderer. Every rank calls it equally often; surplus calls pass an index beyond the last
 // view.
 using DrawView = std::function<void(std::size_t view)>;

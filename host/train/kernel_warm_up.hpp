@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelWarmUp executes every operation of a training once, on a small model of its own. OpenCL drivers
-// compile a kernel when it is first launched, which takes memory, disk space and seconds. The warm-up moves
-// this to the start of the run, so that a failure does not first appear at a relocation hours later.
+// KernelWarmUp executes every operation of a training once, on a copy of a model. OpenCL drivers compile a
+// kernel when it is first launched, which takes memory, disk space and seconds. The warm-up moves this to the
+// start of the run. Otherwise a failure might not appear until a relocation hours later.
 #pragma once
 
 #include <memory>

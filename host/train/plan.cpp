@@ -98,8 +98,8 @@ std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
 }
 
-// Returns the capacity of the lists at the end of the run: after the measured views of the start, and then
-// while the number of splats grows.
+// Returns the capacity that the list buffers have at the end of the run. It simulates their growth: first for
+// the measured views of the start, then while the number of splats grows.
 std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
                           const std::vector<std::uint64_t>& first_views) {
   std::uint64_t room = 0;
@@ -180,8 +180,8 @@ void scale_end(RunPlan& plan) {
   for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
 }
 
-// Returns the mean time of a step over the run, in which the number of splats grows from that of the start to
-// that of the end.
+// Returns the mean time of a step over the run, while the number of splats grows from the initial to the
+// final number.
 double mean_step_ms(const RunPlan& plan, const Schedule& schedule, const std::vector<PyramidLevel>& levels) {
   std::vector<StepCost> costs;
   const double start = plan.start.splats, end = plan.end.splats;

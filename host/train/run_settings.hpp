@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_settings.hpp converts the settings of a run into the inputs of the pipeline: kernel configuration,
-// render settings, initialisation and memory question.
+// The functions of this file convert the settings of a run into the inputs of the pipeline: kernel
+// configuration, render settings, initialisation options, and the input of the memory estimate.
 #pragma once
 
 #include <string>
@@ -30,8 +30,8 @@ InitOptions init_options(const TrainSettings& settings);
 // Throws Error(usage) if a training with these settings cannot start from the model, because its dimension or
 // variant differs.
 void check_initial(const TrainSettings& settings, const SplatModel& initial);
-// Returns whether training renders without waiting for the size of the lists. This is the setting
-// list_counts; its value auto is decided by the device type.
+// Returns whether training renders without waiting for the size of the lists. The setting list_counts
+// determines this. If it is auto, the device type decides.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
 // Returns "key=value" for the settings that specialise kernels and are not at their defaults: skipped work,
@@ -43,8 +43,8 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 // (0.005, with kernel gaussian 0.02). dim must be a number.
 TrainSettings resolve_automatic(TrainSettings settings);
 
-// Returns the question about the device memory of a training with at most `splats` splats, for the image
-// sizes of these views. The number of intersections remains 0.
+// Returns the input of plan_memory() for a training with at most `splats` splats on views of these sizes. The
+// number of intersections remains 0.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // TrainedCameras is the part of a training that refines cameras (method.md 4.10): it sweeps over the cameras
-// of the training views during the run, and at the end fits the cameras of the test views. The model is kept
-// fixed meanwhile. Several ranks are not supported.
+// of the training views during the run, and at the end fits the cameras of the test views. The model does not
+// change while cameras are refined. Several ranks are not supported.
 #pragma once
 
 #include <vector>

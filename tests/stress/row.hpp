@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Row is the fixture of the stress test cases. A row is a TEST_CASE_METHOD(Row, ...) that checks cases of one
 // difficult or extreme situation on the device of the command line. At its end, it prints the number of cases
-// with each outcome and the largest errors. It prints to std::cout, which the reporters of Catch2 include in
-// their JUnit and XML files.
+// with each outcome and the largest errors to std::cout. The reporters of Catch2 include this text in their
+// JUnit and XML files.
 #pragma once
 
 #include <array>

@@ -28,7 +28,7 @@ bool exists(const std::string& device) {
 
 int use_device(const std::string& request, bool optional, bool cuda_on_host) {
   keep_driver_caches(
-      // Caches are next to the executable.
+      // Keep the caches of drivers next to the executable.
       [](const char* name, const char* value) { setenv(name, value, 1); });
   if (cuda_on_host) register_cuda_on_host();
   selected = cuda_on_host ? "CUDA on the host" : request;

@@ -27,9 +27,9 @@ using check::FormVectors;
 using check::kSplats;
 using check::LossVectors;
 
-// Minimum raw spatial beta. It is an exponent of 2, with which the slope of the kernel is continuous at the
-// rim. With an exponent below 1, the gradient of a pixel at the rim has hardly a correct digit in single
-// precision, on any device.
+// Minimum raw spatial beta. It corresponds to an exponent of 2, for which the slope of the kernel is
+// continuous at the rim. With an exponent below 1, the gradient of a pixel at the rim has hardly a correct
+// digit in single precision, on any device.
 constexpr float kMinBeta = -0.69f;
 constexpr std::size_t kBatch =
     128;  // number of splats that rasterisers process at a time (kernels/gpu/raster_backward.cl)

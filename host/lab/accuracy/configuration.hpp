@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Configuration is a set of settings of training and rendering, with a label, whose accuracy is measured. To
+// Configuration is a labelled set of settings for training and rendering whose accuracy is measured. To
 // measure a new switch, add a line to the table of standard configurations.
 #pragma once
 
@@ -24,7 +24,8 @@ const std::vector<Configuration>& standard_configurations();
 // "label:key=value|key=value", the settings after the bar define the truth. Throws Error(usage).
 Configuration parse_configuration(const std::string& text);
 
-// Returns `base` with the settings of the configuration. Throws Error(usage) with the label.
+// Returns `base` with the settings of the configuration. Throws Error(usage) with a message that contains the
+// label.
 TrainSettings apply(TrainSettings base, const Configuration& configuration);
 // Return the variant of the truth, and its name for tables: "same" or, for example, "exp".
 ModelVariant truth_variant(const TrainSettings& base, const Configuration& configuration);

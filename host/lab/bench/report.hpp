@@ -26,7 +26,8 @@ struct BaselineEntry {
   int dim = 0;
   double median_ms = 0, minimum_ms = 0, uncertainty = 0;
 };
-// Reads "devices" of a file that was written by `ubs-lab bench --json`. Throws Error(data) with `origin`.
+// Reads "devices" of a file that was written by `ubs-lab bench --json`. Throws Error(data) with a message
+// that starts with `origin`.
 std::vector<BaselineEntry> read_baseline(const nlohmann::ordered_json& json, const std::string& origin);
 
 struct Comparison {

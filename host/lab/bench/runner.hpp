@@ -38,7 +38,8 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path garden;
   std::function<BenchScene()> open_model;  // for the scene "model"
-  TrainSettings training;  // the variant (not used for "synthetic") and kernel_assignments() are used
+  // Only the variant (except for the scene "synthetic") and kernel_assignments() are used.
+  TrainSettings training;
   // Called before the first case; the report has no results yet.
   std::function<void(const DeviceReport&)> on_begin;
   std::function<void(const CaseResult&)> on_result;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// synthetic_object() of bench_scene.hpp. Splats are chosen at random in the image of the first camera and
-// placed in space from there.
+// This file implements synthetic_object() of bench_scene.hpp. Splats are chosen at random in the image of the
+// first camera and placed in space from there.
 #include <algorithm>
 #include <cmath>
 #include <numbers>

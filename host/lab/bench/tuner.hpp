@@ -23,8 +23,8 @@ struct Trial {
   double ratio = 0, uncertainty = 0;
   double difference = 0;  // relative difference of the results of a step; 0: bit-identical
   bool kept = false;
-  bool skipped = false;  // not tried, because the time was over
-  std::string note;      // reason why there is no time
+  bool skipped = false;  // not tried, because the time limit was reached
+  std::string note;      // reason why the time was not measured
 };
 
 struct TuneOptions {

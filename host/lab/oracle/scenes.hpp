@@ -20,7 +20,8 @@ struct SceneOptions {
   int dim = 6;
   std::uint64_t seed = 1;
   int width = 64, height = 48;
-  // Parameters of the default variant get the same random numbers; others use a separate stream.
+  // In every variant, the parameters that the default variant has too get the same random numbers as there.
+  // The other parameters use a separate random stream.
   ModelVariant variant = {};
 };
 

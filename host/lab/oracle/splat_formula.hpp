@@ -78,7 +78,7 @@ inline constexpr double kLargestRawBeta = 7.5;
 inline double least_query_scale(const ModelVariant& variant) {
   return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
 }
-// Returns the ratio of the minimum of a spatial scale to the largest of the three.
+// Returns the minimum of a spatial scale, relative to the largest of the three.
 inline double least_spatial_scale(const ModelVariant& variant) {
   return variant.cov_param == CovParam::skew_nd    ? 1e-3
          : variant.cov_param == CovParam::cholesky ? 3e-4

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// study() determines what can be required of a single-precision program: the image and gradient of the
-// oracle, the pixels at which rounding decides (a splat is within rounding of its rim, of the stop, of the
-// cap, or of the depth of another splat), and how much both change when every input moves by half a unit in
-// its last place. No single-precision program can be required to stay below that change.
+// study() determines what can be required of a single-precision program. The result contains the image and
+// the gradient of the oracle, and the pixels at which rounding decides, because a splat is within rounding of
+// its rim, of the stop, of the cap, or of the depth of another splat. It also contains images and gradients
+// for inputs that are changed by half a unit in their last place. No single-precision program can be required
+// to have smaller errors than this change causes.
 #pragma once
 
 #include <cstdint>
@@ -38,9 +39,10 @@ struct Study {
   std::size_t floored = 0;           // visible splats with a raised pivot, whose derivative is not defined
   std::vector<std::uint8_t> culled;  // per splat: 1 if it is certainly not visible
   // Properties of the visible splats, for classification.
-  double amplification = 1;          // amplification of rounding in the conic (Footprint)
-  double gradient_cancellation = 1;  // of oracle_stages.hpp; only for up to 64 splats
-  double colour_contrast = 1;        // largest colour or background / smallest magnitude of a splat's colour
+  double amplification = 1;  // amplification of rounding in the conic (Footprint)
+  // gradient_cancellation() of oracle_stages.hpp; only computed for up to 64 splats.
+  double gradient_cancellation = 1;
+  double colour_contrast = 1;  // largest colour or background / smallest magnitude of a splat's colour
 };
 
 // `weights` are (3, H, W).
