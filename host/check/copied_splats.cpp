@@ -68,7 +68,7 @@ Copies judge_copies(const Population& before, const Population& after,
     if (const auto source = copies.of_source.find(i); source != copies.of_source.end()) {
       const double expected = split_opacity(before.opacity(i), source->second + 1);
       const double error = std::abs(after.opacity(i) / expected - 1);
-      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // keeps NaN too
+      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // a NaN is kept
       require(moments_are(after, i, 0, 0), "was copied and has its old moments", i);
       require(same_rows(before, i, after, i, false), "was copied and has moved", i);
     } else if (std::ranges::find(written, i) == written.end()) {

@@ -22,19 +22,19 @@ struct ImageGradient {           // empty members count as zeros
 // ends at the gradient of the records, like Renderer::backward_to_records().
 //
 // Alpha: back ends only support a gradient with respect to colours. They walk through the splats of a pixel
-// from front to back. At each splat they compute v . (image - what has been composited so far), which is the
-// contribution of everything behind this splat. At the end of the walk, v . background times the remaining
-// transmittance T is left. Because alpha = 1 - T, the scalar v_rgb . image + v_alpha * alpha has the same
-// form, except that v_rgb . background - v_alpha replaces v_rgb . background in this last term. It therefore
-// has the gradient of a pixel in front of a different background. So before the walk, we change one channel
-// of the image by -v_alpha T / v, where v is the component of v_rgb in this channel. If all components of
-// v_rgb are 0 or nearly 0, one of them is set to 2^-30 of v_alpha. Colours then get gradients of up to 1e-9
-// of v_alpha that should be 0, which is far below the rounding of the other gradients.
+// from front to back. At each splat they read the contribution of everything behind it from the image, as
+// v_rgb . (image - what has been composited so far). After the last splat, T (v_rgb . background) remains,
+// where T is the transmittance. What we need is the gradient of v_rgb . image + v_alpha * alpha. Because
+// alpha is 1 - T, v_alpha adds a constant and changes this remainder by -v_alpha T, as a different background
+// would. Before the walk, we therefore change one channel of the image by -v_alpha T / v, where v is the
+// component of v_rgb in this channel. If all components of v_rgb are 0 or nearly 0, one of them is set to
+// 2^-30 of v_alpha. Colours then get gradients of up to 1e-9 of v_alpha that should be 0, which is far below
+// the rounding of the other gradients.
 //
-// Depth: it has a pass of its own, in which z - z0 replaces the red channel. For D = sum w z / W with W = sum
-// w = alpha, the gradient equals that of sum w (z - D) / W with D and W held constant. This is the gradient
-// v_D / W of an image with the value D - z0 in front of the background D - z0. z0 is the mean depth; it keeps
-// the differences exact in scenes that are far away.
+// Depth: it has a pass of its own, in which z - z0 replaces the red channel. The depth of a pixel is D = sum
+// w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D and W are held
+// constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in front of the
+// background D - z0. z0 is the mean depth. It keeps the differences exact in scenes that are far away.
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
                          std::span<const BufferView<float>> v_params);
 

@@ -106,7 +106,8 @@ std::size_t SharedRenderer::own_bytes_at(const Round& round) const {
   return kRowBytes * sum_of(std::span(round.counts).first(own_rank()));
 }
 
-// The gradients that were sent before have been received, so gradients_ can be overwritten.
+// When this is called, the gradients of the previous round have been received, so gradients_ can be
+// overwritten.
 void SharedRenderer::send_gradients(Round& round) {
   Pieces pieces(round.cameras.size());
   if (!round.counts.empty()) {

@@ -30,8 +30,9 @@ class Schedule {
   bool ever_refines_by(int iteration) const { return first_ < stop_ && iteration >= first_; }
   bool regularises(int iteration) const { return iteration > first_ && iteration < stop_; }
 
-  // Return the number of splats: after a refinement at `iteration` that starts with `splats` splats, and
-  // after a share of the work if every refinement adds as many splats as it may.
+  // grown() returns the number of splats after a refinement at `iteration` that starts with `splats` splats.
+  // splats_at() returns the number after a share of the work, if every refinement adds as many splats as it
+  // may.
   std::uint32_t grown(std::uint32_t splats, int iteration) const;
   std::uint32_t splats_at(double share) const;
 

@@ -9,7 +9,7 @@
 namespace ubs::bench {
 
 // Returns the synthetic object in a size that keeps the device busy: 100K splats on 400x400 pixels for
-// OpenCL, and 300K on 800x800 for CUDA. quick: tiny.
+// OpenCL, and 300K on 800x800 for CUDA. `quick`: a tiny object.
 BenchScene tuning_scene(const DeviceInfo& device, bool quick);
 
 // Runs choose_values() for a device. Afterwards the device uses the chosen values.
