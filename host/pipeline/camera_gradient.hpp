@@ -10,8 +10,8 @@
 namespace ubs {
 
 struct CameraGradient {
-  // With respect to motions in the camera's own frame: a rotation w about its centre, R -> exp([w]) R and t
-  // -> exp([w]) t, and a shift u, t -> t + u.
+  // The gradient with respect to motions in the camera's own frame: a rotation w about its centre, R ->
+  // exp([w]) R and t -> exp([w]) t, and a shift u, t -> t + u.
   std::array<double, 3> turn{}, shift{};
   double fx = 0, fy = 0, cx = 0, cy = 0;
   double time = 0;

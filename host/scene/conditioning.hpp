@@ -16,8 +16,8 @@ struct Reconditioned {
   // some directions. Their shortest axes were raised to the minimum of direct conditioning.
   std::size_t indefinite = 0;
   // Change of the opacity factor, measured at 32 queries within the query covariance of each splat: mean over
-  // the splats, and maximum. It only changes with beta_opacity tanh if query dimensions are correlated,
-  // because the residuals are then taken in the opposite order.
+  // the splats, and maximum. It is 0 unless beta_opacity is tanh and query dimensions are correlated. In that
+  // case the residuals are taken in the opposite order.
   double opacity_mean = 0, opacity_most = 0;
 };
 

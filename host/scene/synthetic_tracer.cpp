@@ -9,7 +9,8 @@ namespace ubs::synthetic {
 
 namespace {
 
-// Afterwards the environment is used; with 10 instead of 4, 1 pixel in 1000 of `glossy` changes.
+// Maximum number of reflections, after which the environment is used. With 10 instead of 4, one pixel in 1000
+// of `glossy` changes.
 constexpr int kMaxBounces = 4;
 // Secondary rays start slightly above their surface, so that they do not hit it again.
 constexpr double kOffset = 1e-6;

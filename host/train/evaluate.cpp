@@ -175,7 +175,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
                  std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
-  // The sums for the images after the appearance fit are stored behind those for the unchanged images.
+  // The sums for the images after the appearance fit are stored after those for the unchanged images.
   Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
   if (ranks.size() > 1) sums.zero();
   Buffer<float> appearance;

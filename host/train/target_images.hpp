@@ -48,7 +48,7 @@ class TargetImages {
   struct Planes {
     Buffer<std::uint8_t> image, mask;
     std::uint32_t counted = 0;
-    // Whether the image has a mask; in staging, `mask` may be left over from another image.
+    // True if the image has a mask. In staging, `mask` may be left over from another image.
     bool masked = false;
     Target view() const { return {image.view(), masked ? mask.view() : BufferView<std::uint8_t>{}, counted}; }
   };

@@ -80,8 +80,8 @@ TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
       }
 }
 
-// A splat with a raw scale of -inf is not drawn. The smallest finite scales give dots with a radius of half a
-// pixel, which comes from eps2d.
+// A splat with a raw scale of -inf is not rendered. The smallest finite scales give dots with a radius of
+// half a pixel, which comes from eps2d.
 TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -inf, -200)", "[splat]") {
   for (const int dim : kRowDims)
     for (const int zeros : {1, 2, 3, 4}) {

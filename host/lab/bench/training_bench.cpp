@@ -11,7 +11,7 @@ namespace ubs::bench {
 namespace {
 
 constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
-// Not zero, because the learning rate of positions decays exponentially.
+// This rate is not zero, because the learning rate of positions decays exponentially.
 constexpr double kStandStill = 1e-12;
 
 double all_device_ms(const Device& device) {

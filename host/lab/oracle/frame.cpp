@@ -37,8 +37,8 @@ std::vector<Footprint<double>> project(const Model& model, const Camera& camera,
 Frame::Frame(const Model& model, const Camera& camera, const Options& options)
     : Frame(project(model, camera, options), options) {}
 
-// Sorts front to back by the depth as a float, and by index if depths are equal, so that equal keys are
-// ordered as in a sort of floats.
+// Sorts front to back by the depth rounded to float, and by index if these depths are equal. This is the
+// order in which a single-precision renderer sorts.
 Frame::Frame(const std::vector<Footprint<double>>& all, const Options& options) {
   const double end = support(options.variant.kernel);
   std::vector<std::pair<float, std::size_t>> order;

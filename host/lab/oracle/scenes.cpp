@@ -273,7 +273,7 @@ Scene behind_camera_scene(const SceneOptions& options) {
   Scene scene = start_scene(options, options.count);
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
-    // So far behind the camera that the conditional shift cannot move the mean in front of it.
+    // The splats are so far behind the camera that the conditional shift cannot move a mean in front of it.
     const Vector position = unproject(scene.camera, random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5),
                                       random.uniform(-20, -10));
     store(ordinary_splat(random, options.dim, position, scene.camera), i, scene.model);

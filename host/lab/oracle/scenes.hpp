@@ -20,8 +20,8 @@ struct SceneOptions {
   int dim = 6;
   std::uint64_t seed = 1;
   int width = 64, height = 48;
-  // In every variant, the parameters that the default variant has too get the same random numbers as there.
-  // The other parameters use a separate random stream.
+  // Parameters that the default variant also has get the same random numbers as in the default variant. Other
+  // parameters use a separate random stream.
   ModelVariant variant = {};
 };
 

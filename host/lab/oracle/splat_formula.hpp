@@ -252,8 +252,8 @@ struct Conditioned {
 };
 
 inline constexpr double kLargestFloat = 3.4028234663852886e38;
-// A splat is not drawn if its raw parameters, as one vector, are longer than this (kernels/limits.h has the
-// reason).
+// A splat is not rendered if its raw parameters, as one vector, are longer than this (kernels/limits.h has
+// the reason).
 inline constexpr double kLargestRaw = 1e12;
 template <class S>
 bool in_raw_range(std::span<const S> raw) {
@@ -451,7 +451,7 @@ Matrix<S> symmetric(const Matrix<S>& v) {
 }
 
 // Returns a tenth of the amount that the blur adds to the determinant of an ellipse. With a smaller
-// determinant, a splat is not drawn.
+// determinant, a splat is not rendered.
 template <class S>
 double least_determinant(const std::array<S, 3>& cov, double eps2d) {
   return 0.1 * eps2d * (value(cov[0]) + value(cov[2]) - eps2d);
