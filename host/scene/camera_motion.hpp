@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // CameraMove describes a small motion of a camera. Camera refinement (method.md 4.10) and pose fitting
-// optimise these motions. hold_gauge() fixes the freedom of all cameras together that no image determines.
+// optimise these motions. hold_gauge() removes the common rotation, shift and scaling of all cameras, which
+// no image determines.
 #pragma once
 
 #include <array>

@@ -18,8 +18,8 @@ namespace ubs {
 class Schedule {
  public:
   // learning_rates() and noise() need settings without auto (resolve_automatic). `initial` is the number of
-  // splats at the start; it is kept even if it exceeds cap_max. `extent` is the scene extent, with which the
-  // learning rate of positions is multiplied.
+  // splats at the start; it is kept even if it exceeds cap_max. The learning rate of positions is multiplied
+  // by `extent`, the scene extent.
   Schedule(TrainSettings settings, std::size_t initial, double extent = 1);
 
   Schedule with(TrainSettings settings) const { return {std::move(settings), initial_, extent_}; }
@@ -51,7 +51,7 @@ class Schedule {
   std::uint32_t grown(std::uint32_t splats) const;
   double scaled(int iteration) const;    // converts from a run of kScheduleLength to the steps of this run
   double cooldown(int iteration) const;  // factor for all learning rates
-  double lr_xyz(int iteration) const;    // without the cooldown
+  double lr_xyz(int iteration) const;    // learning rate of positions, without the cooldown
 
   TrainSettings s_;
   WorkShare work_;

@@ -35,10 +35,10 @@ class WorkTime {
   // `costs` must contain an entry for each level. Throws Error(internal) if one is missing.
   WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
            const std::vector<PyramidLevel>& levels);
-  // Returns the seconds of the steps from this share of the work to its end, for a run in which the whole
-  // work is one iteration. The caller multiplies the result by the number of iterations for the whole work.
+  // Returns the seconds that the steps from this share of the work to its end would take if the whole work
+  // were a single iteration. The caller multiplies the result by the number of iterations for the whole work.
   double steps_left(double share) const;
-  // Returns the seconds of the camera sweeps after this share.
+  // Returns the time of the camera sweeps after this share, in seconds.
   double sweeps_left(double share) const;
 
  private:
@@ -53,7 +53,7 @@ struct TimeBudget {
   double seconds = 0;   // training time; 0: the run has no budget
   double measured = 0;  // part of it that was used for measuring the costs
   int most_iterations = kScheduleLength;
-  int first_iterations = 0;  // number that the settings were chosen for
+  int first_iterations = 0;  // number of iterations that the settings were chosen for
   std::vector<StepCost> costs;
   bool operator==(const TimeBudget&) const = default;
 };
@@ -66,9 +66,9 @@ double expected_seconds(int iterations, const std::vector<StepCost>& costs, cons
                         const Split& train, std::size_t points, const PictureFacts& pictures = {});
 
 // Chooses the number of iterations that fits into a time budget, as far as this can be known before the first
-// iteration, and returns the settings for it. `points` is the number of splats that the data can provide at
-// the start; 0: they are placed at random. `budget` need not have first_iterations. Throws Error(usage) if
-// the time is too short for kMinIterations.
+// iteration, and returns the settings for it. The function also sets first_iterations of the returned budget.
+// `points` is the number of splats that the data can provide at the start; 0: they are placed at random.
+// Throws Error(usage) if the time is too short for kMinIterations.
 struct BudgetedRun {
   TrainSettings settings;
   TimeBudget budget;
