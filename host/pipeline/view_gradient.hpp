@@ -16,27 +16,29 @@ struct ViewLoss {
   double l1 = 0, ssim = 0;
 };
 struct ViewGradient : ViewLoss {
-  SplatModel values;  // the gradient with respect to each parameter, in its place
+  SplatModel values;  // each parameter is replaced by the derivative of the loss with respect to it
 };
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
   CameraGradient camera;
 };
 
-// Computes the loss and the gradients with an existing renderer, whose camera it replaces, and into existing
-// buffers v_params. If v_params is empty, it only computes the loss.
+// Computes the loss and the gradients with an existing renderer, and writes the gradients to the existing
+// buffers v_params. The camera of the renderer is replaced by `camera`. If v_params is empty, the function
+// only computes the loss.
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                    std::span<const BufferView<float>> v_params, const Camera& camera,
                    std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                    std::span<const std::uint8_t> mask);
 
-// target: (3, height, width) planar, any real values; mask: (height, width), 0: the pixel does not count;
-// empty: all pixels count. The stages must be configured with `backward` and without frozen parameters.
+// Computes the loss and the gradient for a model of one group. `target` is planar, (3, height, width), with
+// any real values. `mask` has the shape (height, width); a pixel with the value 0 does not count. If the mask
+// is empty, all pixels count. The stages must be configured with `backward` and without frozen parameters.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                            std::span<const std::uint8_t> mask = {});
-// The same for a model of several groups, and with `camera_too` also the gradient of the camera. N and
-// variant of `config` are replaced by those of the groups.
+// This overload does the same for a model of several groups. With `camera_too` it also computes the gradient
+// of the loss with respect to the camera. N and variant of `config` are replaced by those of the groups.
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
                                 const RenderSettings& settings, float lambda_dssim,

@@ -28,8 +28,8 @@ class CameraRefiner {
   // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
   // hold_gauge(). `done` is the share of all sweeps that have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
-  // Returns the estimated seconds of a sweep. Measures the step of one camera, which is not changed, and
-  // multiplies.
+  // Returns the estimated time of a sweep in seconds. The function measures the step of one camera, without
+  // changing this camera, and derives the time of all cameras from it.
   double sweep_seconds(const Drawing& drawing, int factor) const;
 
   // Returns 17 numbers per view: rotation, translation, fx, fy, cx, cy and the depth of the pivot.

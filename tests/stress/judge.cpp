@@ -14,7 +14,7 @@ namespace {
 // Norms below this count as zero: the weights of the pixels have a magnitude of 1, and Adam's epsilon is
 // 1e-15.
 constexpr double kNothing = 1e-20;
-// Limit for values of the reference. Above it they count as outside the range of single precision.
+// Values of the reference above this limit count as outside the range of single precision.
 constexpr double kMost = 1e34;
 // If the share of decided pixels is below this, nothing is compared.
 constexpr double kMinDecided = 0.05;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tape is a small tape for reverse-mode automatic differentiation in double precision, only for the oracle.
 // Formulas are templates over the scalar: `double` gives the value, and `Var` records one node per operation
-// (at most two parents and their partial derivatives), which Tape::reverse processes backwards. Branches test
-// value(x), so a derivative is that of the branch that the value takes.
+// (at most two parents and their partial derivatives), which Tape::reverse processes backwards. Branches in a
+// formula test value(x), and the derivative is that of the branch taken.
 #pragma once
 
 #include <algorithm>
@@ -115,10 +115,10 @@ inline Var sigmoid(const Var& x) {
   return Var::unary(x, s, s * (1 - s));
 }
 
-// (1-r)^beta for r in [0,1). For beta < 1 its slope in r diverges at the rim. By convention, only this slope
-// is computed with 1-r >= kRimGuard, which plain differentiation would not do. The value, and the derivative
-// with respect to beta, which is bounded, are not changed. At kRimGuard, single precision resolves 1-r to 2%
-// (docs/results/2026-11-20-stability-sweeps.md).
+// Computes (1-r)^beta for r in [0,1). For beta < 1 its slope in r diverges at the rim. By convention, the
+// formula of this slope uses kRimGuard instead of 1-r where 1-r is smaller. Plain differentiation would not
+// do this. The value and the derivative with respect to beta, which is bounded, are not changed. At
+// kRimGuard, single precision resolves 1-r to 2% (docs/results/2026-11-20-stability-sweeps.md).
 inline constexpr double kRimGuard = 1e-5;
 inline double rim_power(double r, double beta) { return std::exp(beta * std::log1p(-r)); }
 inline Var rim_power(const Var& r, const Var& beta) {
