@@ -24,9 +24,9 @@ std::optional<double> median_depth(std::span<const Camera> cameras, const PointC
 // impossible, because its matrix combines lengths and query values.
 bool has_free_unit(const ModelVariant& variant);
 
-// Multiply all lengths by `factor` > 0. In a model, positions and scales change, and with cov_param cholesky
-// also the part of the factor between positions. The result gives the same images from cameras that are
-// scaled alike.
+// These functions multiply all lengths by `factor` > 0. In a model they change positions and scales. With
+// cov_param cholesky they also change the entries of the Cholesky factor that combine two position axes.
+// Cameras that are scaled by the same factor see the same images of the model.
 void scale_lengths(SplatModel& model, double factor);
 void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);

@@ -20,8 +20,9 @@ template <typename... Cases>
 struct Overload : Cases... {
   using Cases::operator()...;
 };
+// Clang 14 does not deduce the template arguments of aggregates.
 template <typename... Functions>
-Overload(Functions...) -> Overload<Functions...>;  // clang 14 does not deduce aggregates
+Overload(Functions...) -> Overload<Functions...>;
 
 std::string_view trim(std::string_view text) {
   const auto first = text.find_first_not_of(" \t");

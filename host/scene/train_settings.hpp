@@ -101,15 +101,15 @@ struct TrainSettings : ReadSettings {
   double eps2d = 0.3;
   double near_plane = kAuto, far_plane = kAuto;  // auto: planes_of()
   std::string raster = "auto";                   // rasteriser: auto (cpu on devices with vectors) | cpu | gpu
-  // Folder of a run whose refined cameras are used to render the views of its data. Not in the table of
-  // fields.
+  // Folder of a run whose refined cameras are used to render the views of its data. This member is not in the
+  // table of fields.
   std::string run_cameras;
-  // How training handles the size of the tile lists: wait for it, or use an upper bound and check it later;
-  // auto: by device type. The results are the same. Not in the table of fields, because it is only for tests
-  // and benchmarks.
+  // How training handles the size of the tile lists: it waits for the size, or it uses an upper bound and
+  // checks the size later; auto: by device type. The results are the same. This member is not in the table of
+  // fields, because it is only for tests and benchmarks.
   ListCounts list_counts{};
   // Keys that the user has set, even to their default values. Automatic schedules do not change these
-  // settings. Not in the table of fields.
+  // settings. This member is not in the table of fields.
   std::set<std::string, std::less<>> chosen;
   bool query_grad = false;  // gradient through the view direction (method.md 3.3)
 
@@ -153,7 +153,8 @@ struct RunInterval {
   int iterations = 0;  // 0: not by iterations
   double seconds = 0;  // 0: not by time
 };
-// Parse eval_every and checkpoint_every. Throw Error(usage) if the text is neither iterations nor seconds.
+// These functions parse eval_every and checkpoint_every. They throw Error(usage) if the text is neither a
+// number of iterations nor a number of seconds.
 RunInterval evaluation_interval(const TrainSettings& settings);
 RunInterval checkpoint_interval(const TrainSettings& settings);
 

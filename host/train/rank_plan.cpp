@@ -21,10 +21,11 @@ namespace {
 constexpr std::size_t kViews = 6, kFewer = 8;
 constexpr int kTimes = 5;
 constexpr std::size_t kRecordBytes = kSplatStride * sizeof(float);
-// Bytes per visible splat on the rank that renders the view: record, gradient and gradient of the previous
-// view, and depth key, tile rectangle, count and offset.
+// Bytes per visible splat on the rank that renders the view. They hold the record, its gradient and the
+// gradient of the previous view, and also the depth key, the tile rectangle, the count and the offset.
 constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
-// Number of rounds in transfer at the same time. Each holds records or gradients, and places.
+// Number of rounds that are transferred at the same time. The buffers of each round hold the records or the
+// gradients, and DrawnSplats::places.
 constexpr double kRounds = 3;
 
 struct RankTimes {
@@ -183,7 +184,7 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
   p.device_bytes += drawn * kDrawnBytes;
   p.device_bytes +=
       kRounds * std::min(batch, ranks) * (drawn / ranks * kRecordBytes + p.splats * sizeof(std::uint32_t));
-  // Views of the rank that renders the most.
+  // Number of views of the rank that renders the most views.
   const double rounds = std::ceil(static_cast<double>(batch) / ranks);
   p.compute_ms = batch * (costs.project(p.splats) + costs.gradient(p.splats)) + rounds * costs.draw(drawn) +
                  costs.update(p.splats);
@@ -192,7 +193,8 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
   const double away = (ranks - 1.0) / ranks;
   p.sent_bytes = away * kRecordBytes * drawn * (static_cast<double>(batch) / ranks + rounds);
   const double doublings = std::ceil(std::log2(ranks));
-  // Sizes and data of the exchanges; sums of the step.
+  // The first term counts the messages with the sizes and the data of the exchanges. The second counts those
+  // of the sums of the step.
   const double messages = 2 * rounds * (doublings + ranks - 1) + 4 * doublings;
   const double all_ms =
       1e3 * p.sent_bytes / (1e9 * network.gigabytes_per_second) + 1e-3 * network.latency_us * messages;

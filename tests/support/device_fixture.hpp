@@ -15,7 +15,7 @@ namespace ubs::test {
 std::vector<std::shared_ptr<Device>> devices_under_test();
 // Returns those devices that run OpenCL kernels, which have tuned constants and sub-groups.
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
-// Return the rasterisers of a device. CUDA devices have only one.
+// These functions return the rasterisers of a device and their names. CUDA devices have only one rasteriser.
 std::vector<RasterKind> rasters_of(const Device& device);
 std::vector<std::string> raster_names_of(const Device& device);
 // Returns whether the device is the CUDA back end on the host. It compiles the programs of variants while the

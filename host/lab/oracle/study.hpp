@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // study() determines what can be required of a single-precision program. The result contains the image and
-// the gradient of the oracle, and the pixels at which rounding decides, because a splat is within rounding of
-// its rim, of the stop, of the cap, or of the depth of another splat. It also contains images and gradients
-// for inputs that are changed by half a unit in their last place. No single-precision program can be required
-// to have smaller errors than this change causes.
+// the gradient of the oracle. It marks the pixels at which rounding decides. At these pixels a splat is so
+// close to a threshold that a rounding error may put it on either side. The thresholds are the rim of the
+// splat, the stop, the cap and the depth of another splat. The result also contains images and gradients for
+// inputs that are changed by half a unit in their last place. No single-precision program can be required to
+// have smaller errors than this change causes.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +15,9 @@
 namespace ubs::oracle {
 
 struct StudyOptions {
-  // A decision counts as undecided if it is closer than this multiple of the change that rounding of the
-  // inputs makes, where the roundings are assumed to be independent. 0: every pixel is decided, for scenes
-  // whose thresholds are met exactly.
+  // A decision counts as undecided if its distance from the threshold is less than this multiple of the
+  // change that rounding of the inputs causes. The roundings are assumed to be independent. 0: every pixel
+  // counts as decided; this is for scenes that meet the thresholds exactly.
   double margin = 32;
   int neighbours = 2;      // number of perturbed evaluations
   std::uint64_t seed = 1;  // seed of the perturbations
