@@ -38,7 +38,8 @@ double limit_rounding(const KnownLimit& limit, const oracle::Study& study) {
   return kHalfUlp * limit.amplification(study);
 }
 
-// The allowed errors of all limits are added. The case is named after the limit with the largest one.
+// The allowed errors of all limits are added. The case gets the name of the limit that allows the largest
+// error.
 const KnownLimit* known_limit(const oracle::Study& study, const Verdict& v) {
   if (!(v.value_error <= std::max(kPromise, kConditioning * v.value_floor))) return nullptr;
   double gradient = std::max(kPromise, kConditioning * v.gradient_floor), largest = 0;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // KnownLimit describes a situation in which the formulas of kernels/math have a larger error than promised.
 // Each limit names a property of the model by which rounding is amplified. The error of a gradient may then
-// be a stated multiple of (half an ulp) * (this amplification), which is at most twice the largest observed
-// multiple. There are no known limits for images. A run counts the cases by limit, and fails if one becomes
-// worse.
+// reach a stated multiple of (half an ulp) * (this amplification). The stated multiple is at most twice the
+// largest multiple that was observed. There are no known limits for images. A run counts the cases by limit,
+// and fails if one becomes worse.
 #pragma once
 
 #include <string>

@@ -69,7 +69,7 @@ TEST_CASE_METHOD(Row, "image sizes: 1x1 to 8191x1 and 7680x40", "[view]") {
     }
 }
 
-// The image has 130 000 tiles, all of which are rendered, with one splat near each corner.
+// The image has 130 000 tiles, and the test renders all of them. There is one splat near each corner.
 TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
   Case c = row_case("8k", 6, 4);
   c.camera.width = 7680, c.camera.height = 4320, c.camera.cx = 3840, c.camera.cy = 2160;

@@ -116,12 +116,13 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
 }
 
 // Minimum pivot of the query factor (kernels/limits.h). Query scales are clamped, so only a row of zeros has
-// a smaller pivot. If a pivot is below kPivotNoise times its row, it is noise of single precision.
+// a smaller pivot. If a pivot is below kPivotNoise times the length of its row, it is noise of single
+// precision.
 inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
-// The factorisation B = L Q, where the rows of Q are orthonormal. It uses Gram-Schmidt, repeated once, so
-// that errors grow with the condition number of B and not with its square. If a row has no direction of its
-// own, its pivot is the minimum.
+// LowerOrthogonal is the factorisation B = L Q, where the rows of Q are orthonormal. It is computed by
+// Gram-Schmidt orthogonalisation, which is repeated once, so that errors grow with the condition number of B
+// and not with its square. If a row depends linearly on the rows before it, its pivot is the minimum.
 template <class S>
 struct LowerOrthogonal {
   Matrix<S> lower, rows;
