@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The methods of Renderer for views that several processes render together.
+// This file contains the methods of Renderer for views that several processes render together.
 #include <algorithm>
 #include <array>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slicer computes the conditional mean, covariance and opacity of a splat at a query (direction, time, ...)
 // (method.md 2.3, 2.4, 9), in double precision on the host. It serves tools that examine single splats. It
-// supports the published variant, and the same with direct conditioning.
+// supports the published variant, and this variant with direct conditioning.
 #pragma once
 
 #include <array>

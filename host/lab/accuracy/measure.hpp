@@ -24,9 +24,9 @@ struct Result {
   std::string scene, device;
   std::string note;  // not empty: the reason why the configuration does not run here
   // "forward" has the error of the image. "iteration" (forward, loss, backward; no update) has the errors of
-  // the gradients by parameter group. For it, the exact image gradient is used as input, because the sign of
-  // L1 is arbitrary where image and target agree within rounding. If the truth has the same variant, the
-  // single stages on exact inputs follow.
+  // the gradients by parameter group. For "iteration", the exact image gradient is used as input, because the
+  // sign of L1 is arbitrary where image and target agree within rounding. If the truth has the same variant,
+  // the single stages on exact inputs follow.
   std::vector<TimedErrors> stages;
 };
 

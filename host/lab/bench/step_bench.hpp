@@ -17,8 +17,8 @@ namespace ubs::bench {
 
 class StepBench {
  public:
-  // Uploads the scene and runs one step on its first view. The scene must outlive the object. Of `training`,
-  // only kernel_assignments() are used.
+  // Uploads the scene and runs one step on its first view. The scene must outlive the object. Only
+  // kernel_assignments() of `training` are used.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
   // `stage` is one of step_stages(), or "forward_backward".
