@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainState is everything, in host memory, that a training run needs to continue. All other data follow from
-// the settings and the data set.
+// TrainState holds, in host memory, everything that a training run needs to continue. All other data follow
+// from the settings and the data set.
 #pragma once
 
 #include <cstdint>

@@ -20,8 +20,8 @@ std::uint32_t ViewOrder::operator()(std::uint64_t draw) {
   return permutation_[draw % views];
 }
 
-// Shuffles the identity by Fisher-Yates. The bias of the range reduction, which takes the high part of a
-// product, is below 2^-20.
+// Shuffles the views, which are initially in ascending order, by the method of Fisher and Yates. The bias of
+// the range reduction, which takes the high part of a product, is below 2^-20.
 void ViewOrder::shuffle(std::uint64_t epoch) {
   epoch_ = epoch;
   std::iota(permutation_.begin(), permutation_.end(), 0u);

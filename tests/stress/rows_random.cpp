@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file tests many small random cases, each of which is compared with float64. Only --seed, --first and
+// This file tests many small random cases and compares each of them with float64. Only --seed, --first and
 // --cases determine which cases are compared. They are processed in batches: the device waits while the
 // oracle uses all cores, and vice versa, because a CPU device would have to share the cores anyway.
 #include <algorithm>

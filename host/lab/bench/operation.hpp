@@ -16,7 +16,7 @@ struct Repeated {
 
 struct Measured {
   Summary wall_ms;  // from the call until the device is idle
-  // Mean time from the device's own clock: kernels; for iterations also copies.
+  // Mean time by the device's own clock. It includes the kernels, and for iterations also the copies.
   std::optional<double> device_ms;
   double cpu_ms = 0;  // mean processor time of the whole process
 };
