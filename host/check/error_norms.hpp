@@ -16,8 +16,9 @@ struct Errors {
   double relative = 0;  // ||a - b|| / ||b|| (2-norm); ||a|| if b is zero
   double absolute = 0;  // max |a - b|
   // The relative error without the 1 % of splats that differ most, if the quantity has values for each splat.
-  // Otherwise equal to `relative`. In float32, a few pairs of splats are in a different order than in
-  // float64, and then their gradients are completely different. Infinite if any value is not finite.
+  // Otherwise it is equal to `relative`. In float32, a few pairs of splats are in a different order than in
+  // float64, and then their gradients are completely different. The error is infinite if any value is not
+  // finite.
   double typical = 0;
 };
 

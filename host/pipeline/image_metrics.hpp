@@ -40,10 +40,10 @@ class ImageMetrics {
   // Throws Error(data) if a network cannot process images of this size, and Error(memory) if the device has
   // not enough memory for them.
   void check_size(PlanarSize size) const;
-  // Returns the mean over the (width - 10)(height - 10) windows and three channels, or nothing if the image
-  // is smaller than a window. Waits.
+  // Waits for the device and returns the mean over the (width - 10)(height - 10) windows and three channels,
+  // or nothing if the image is smaller than a window.
   std::optional<double> valid_ssim(const DeviceImage& a, const DeviceImage& b);
-  // Returns the distance for every requested network and range, in this order. Waits.
+  // Waits for the device and returns the distance for every requested network and range, in this order.
   std::vector<NamedValue> lpips(const DeviceImage& a, const DeviceImage& b);
   // Returns the device memory of the networks for images of this size, including their weights.
   std::uint64_t lpips_bytes(PlanarSize size) const;

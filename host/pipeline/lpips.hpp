@@ -29,8 +29,8 @@ class Lpips {
   Lpips(Device& device, MetricOps& ops, const Network& network, const TensorFile& weights);
 
   const Network& network() const { return *network_; }
-  // Returns the distance. Throws Error(data) if an image is too small for the network or the sizes differ,
-  // and Error(numerical) if the distance is not finite. Waits.
+  // Waits for the device and returns the distance. Throws Error(data) if an image is too small for the
+  // network or the sizes differ, and Error(numerical) if the distance is not finite.
   double distance(const DeviceImage& a, const DeviceImage& b, LpipsRange range);
   // Throws Error(data) if images of this size are too small for the network.
   void check_size(PlanarSize size) const;

@@ -90,8 +90,8 @@ class Renderer {
   // if the lists do not fit, the view is then rendered a second time.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
-  // The same for several groups. Splats are numbered consecutively in the order of the groups. This number
-  // also decides the order at equal depths.
+  // This overload renders several groups. Splats are numbered consecutively in the order of the groups. This
+  // number also decides the order at equal depths.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                      const RenderSettings& settings, bool for_backward);
   // Renders for backward without waiting for the size of the lists. The lists can have the size for which
@@ -124,9 +124,9 @@ class Renderer {
   ListTotals forward_projected(std::uint32_t drawn, std::uint32_t camera, const RenderSettings& settings,
                                bool for_backward);
   void take_v_records(Buffer<float>& rows) { std::swap(rows, v_records_); }
-  // Returns the gradient with respect to the camera. Must be called after the first half of backward().
-  // Waits. The stages must not have frozen parameters. Throws Error(usage) if the background is a sky whose
-  // colour depends on the direction, because that part of the gradient is not implemented.
+  // Waits for the device and returns the gradient with respect to the camera. Must be called after the first
+  // half of backward(). The stages must not have frozen parameters. Throws Error(usage) if the background is
+  // a sky whose colour depends on the direction, because that part of the gradient is not implemented.
   CameraGradient camera_gradient();
   // Runs the second half of backward() together with the optimiser step that uses the gradient
   // (Stages::learn). There must be one group. With `accumulate`, the v_params of `step` hold the gradient of

@@ -19,7 +19,7 @@ namespace ubs {
 
 // Value of a real field that will be chosen from the data; written and read as "auto".
 inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
-// The same for an integer field. No such field has 0 in its range.
+// Value of an integer field that will be chosen from the data. No such field has 0 in its range.
 inline constexpr int kAutoInt = 0;
 
 // ChoiceRef refers to a member that is an enumeration. Its numbers are the positions of the words in

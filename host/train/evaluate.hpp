@@ -48,8 +48,9 @@ void add_mean(Metrics& metrics);
 
 // Renders and measures every view. `first_camera` is the index of the first view among the renderer's
 // cameras. If `more` is given, its metrics are measured too; this waits for the device once per view, and its
-// networks take far longer than rendering. If `fit` is given, each view is measured again after the colour
-// map of this kind that brings the render closest to the photograph.
+// networks take far longer than rendering. If `fit` is given, the function also fits a colour map of this
+// kind for each view, which brings the render as close as possible to the photograph, and measures the mapped
+// render too.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none,
@@ -64,9 +65,9 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
                   const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
                   std::uint32_t first_target, Metrics& metrics);
 
-// The same for several ranks. They divide the views among them, and all get the same result. `draw` renders a
-// view into the renderer. Every rank calls it equally often; surplus calls pass an index beyond the last
-// view.
+// This overload of evaluate() is for several ranks. They divide the views among them, and all get the same
+// result. `draw` renders a view into the renderer. Every rank calls it equally often; surplus calls pass an
+// index beyond the last view.
 using DrawView = std::function<void(std::size_t view)>;
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawView& draw,
                  Communicator& ranks, const std::vector<View>& views, TargetImages& targets,

@@ -57,8 +57,8 @@ class Guard {
   // Returns whether look() must be called now. `before_others`: the state is about to be read or changed by
   // something other than the Adam step.
   bool due(int iteration, bool before_others) const;
-  // Returns true if all values are finite. Otherwise it sets `progress` to the first iteration with a value
-  // that is not finite; the steps since then have changed nothing. Waits.
+  // Waits for the device and returns true if all values are finite. Otherwise it sets `progress` to the first
+  // iteration with a value that is not finite; the steps since then have changed nothing.
   bool look(TrainProgress& progress);
 
   // wants_state() returns whether a state for rollbacks is still needed. keep() sets the state to which a

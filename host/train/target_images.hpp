@@ -33,7 +33,8 @@ class TargetImages {
 
   // Registers the images of a split after those that are already registered. Every view must have an image.
   void add(const Split& split);
-  // Reduces the first `views` images by this factor from now on (host/train/pyramid.hpp). Waits.
+  // Reduces the first `views` images by this factor from now on (host/train/pyramid.hpp). The function waits
+  // for the device.
   void reduce(std::size_t views, int factor);
   // Returns the image with the number `index`. It stays valid after the next call of get() or upload() with
   // another index, but not after the second such call.

@@ -21,11 +21,11 @@ class TrainedSplats {
   TrainedSplats(const TrainedSplats&) = delete;
   TrainedSplats& operator=(const TrainedSplats&) = delete;
 
-  // The splats of this process.
+  // These functions return the splats of this process.
   DeviceModel& model() { return model_; }
   const DeviceModel& model() const { return model_; }
   SplatView view() const { return model_.view(); }
-  // Each has the shape (trained rows, model().stride()).
+  // Each buffer has the shape (trained rows, model().stride()).
   BufferView<float> v_params() const { return v_params_.view(); }
   BufferView<float> moment1() const { return moment1_.view(); }
   BufferView<float> moment2() const { return moment2_.view(); }

@@ -301,7 +301,7 @@ void Trainer::agree(bool& by_time, bool& saves) const {
   device_.write(*sentinel.memory, 0, std::as_bytes(bytes));
 }
 
-// Returns the mean loss of the iterations since the last report. Waits.
+// Returns the mean loss of the iterations since the last report. This waits for the device.
 std::optional<double> Trainer::read_loss() {
   const int iterations = std::min(progress_.iteration - progress_.logged, settings().log_every);
   passes_->merge(losses_.view(), 8);

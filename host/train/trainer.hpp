@@ -57,8 +57,9 @@ class Trainer {
  public:
   // `train` must have images; `test` may be empty. All references must outlive the trainer.
   // Several ranks share splats and views, and results are bit-identical to those of one process
-  // (docs/cluster.md). All ranks must construct the same trainer and make the same calls of methods that are
-  // marked "all ranks". If the on_step() of any rank returns false, all ranks stop.
+  // (docs/cluster.md). All ranks must construct the same trainer, call run(), and make the same calls of the
+  // other methods whose comments say that all ranks must call them. If the on_step() of any rank returns
+  // false, all ranks stop.
   // `time` measures the training time, on which evaluations and checkpoints at intervals of seconds depend.
   Trainer(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
           SplatModel initial, Communicator& ranks = alone(), const TimeSource& time = steady_time());
@@ -80,12 +81,12 @@ class Trainer {
   TrainSettings drawn_settings() const;
   RenderSettings render_settings() const { return passes_->settings(); }
 
-  // Returns the state after the last iteration. Waits. All ranks: each gets its part of the splats, or with
-  // `everywhere` all splats.
+  // Waits for the device and returns the state after the last iteration. All ranks must call it. Each rank
+  // gets its part of the splats, or with `everywhere` all splats.
   TrainState state(bool everywhere = false) const;
   // Continues from a state of a run with the same settings, data and device; the results are bit-identical to
-  // those of an uninterrupted run. All ranks, with the same state. The run that saved it may have had any
-  // number of ranks.
+  // those of an uninterrupted run. All ranks must call it with the same state. The run that saved it may have
+  // had any number of ranks.
   void restore(const TrainState& state);
   bool state_is_whole() const { return whole_; }
   // Sets when states are saved. The state is not saved after the last iteration, nor while it contains a
@@ -101,12 +102,14 @@ class Trainer {
   std::uint64_t dropped() const { return progress_.dropped; }  // number of dropped splats
   std::uint32_t splats() const { return splats_->total(); }
 
-  SplatModel model() const { return splats_->download(); }  // all ranks; only the first one gets it
+  // All ranks must call it; only the first one gets the model.
+  SplatModel model() const { return splats_->download(); }
   DeviceModel& device_model() { return splats_->model(); }  // splats of this rank
   // Measures the present model on the test views, with the additional metrics of `more` if it is given. All
-  // ranks.
+  // ranks must call it.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
-  // draw() renders the view of one of these cameras into renderer() of the first rank. All ranks.
+  // draw() renders the view of one of these cameras into renderer() of the first rank. All ranks must call
+  // both methods.
   void set_cameras(const std::vector<Camera>& cameras) { passes_->set_cameras(cameras); }
   void draw(std::uint32_t camera) { passes_->draw(camera); }
   Renderer& renderer() { return passes_->renderer(); }

@@ -64,8 +64,8 @@ TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradient
     }
 }
 
-// Returns a model with strongly coupled random splats, all of which are in the image. The test counts how
-// many become indefinite because of the conditioning.
+// Returns a case with strongly coupled random splats. All splats are in the image. The test counts how many
+// become indefinite because of the conditioning.
 Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   Case c = row_case("coupled", dim, 200, {.cov_mode = mode});
   Random random(seed);

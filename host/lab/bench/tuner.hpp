@@ -37,7 +37,7 @@ struct TuneOptions {
 
 // Returns whether the ratio is below 1 by more than two per cent and by more than three standard errors.
 bool clearly_faster(const Trial& trial);
-// Returns the largest |a - b| / |b| of all parts (Euclidean norms). Infinite if the parts have different
+// Returns the largest |a - b| / |b| of all parts (Euclidean norms), or infinity if the parts have different
 // sizes.
 using Parts = std::vector<std::vector<float>>;
 double relative_difference(const Parts& a, const Parts& b);
