@@ -14,7 +14,7 @@ namespace {
 
 bool switched_off() { return environment("UBS_CHECK") == "off"; }
 
-// Checks on a separate device object, so that the check does not affect the one of the command.
+// Checks on a separate device object, so that the check does not affect the device object of the command.
 Verdict check_now(std::size_t index, const Subject& subject) {
   Verdict verdict{form_text(checked_config(subject.config)), subject.parts};
   const std::unique_ptr<Device> device = open_device(index);

@@ -88,7 +88,8 @@ class SharedRenderer {
   Renderer owner_;           // projects this rank's splats to records
   Buffer<float> gradients_;  // of the splats of all ranks, for the view that this rank has rendered
   Freight gradient_freight_;
-  // Parts for as many rounds as were in progress at the same time.
+  // Parts that are reused by later rounds. There are as many entries as rounds were in progress at the same
+  // time.
   std::vector<std::shared_ptr<std::vector<Part>>> parts_;
   std::uint64_t sent_ = 0;
 };

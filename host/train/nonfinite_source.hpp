@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// find_nonfinite_source repeats the passes of an iteration in which a value was not finite, and checks the
+// find_nonfinite_source() repeats the passes of an iteration in which a value was not finite, and checks the
 // output of each stage until one is not finite. Training calls it only after such a value, to report where
 // the value came from.
 #pragma once

@@ -40,7 +40,8 @@ class TrainingViews {
     return ubs::factor_at(levels_, work, iteration);
   }
   int factor() const { return factor_; }  // present factor
-  // Sets the factor. Returns true if it has changed; then cameras() has changed too, and the call waits.
+  // Sets the factor. Returns true if it has changed. In this case cameras() has changed too, and the call
+  // waits for the device.
   bool use_factor(int factor);
   // Returns the cameras of the training views at their present size, followed by those of the test views.
   std::vector<Camera> cameras() const;
@@ -89,7 +90,9 @@ class TrainingViews {
   int factor_ = 1;  // present factor of the cameras and targets
   TargetImages targets_;
   ViewOrder order_, ahead_;  // ahead_ is used for future draws, which may be in the next epoch
-  Buffer<float> appearance_, v_appearance_;  // of all photographs; of a batch; empty: not learnt
+  // appearance_ is that of all photographs, and v_appearance_ is the gradient of a batch. Both are empty if
+  // the appearance is not learnt.
+  Buffer<float> appearance_, v_appearance_;
   std::optional<CameraRefiner> refiner_;
 };
 

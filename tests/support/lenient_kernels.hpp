@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// LenientKernels makes ubs read the kernels from a copy that renders splats with any finite parameters, as
-// long as the object exists. The product culls splats beyond UBS_RAW_MAX, because their gradients are not
-// finite (kernels/limits.h). With these kernels, tests check how it handles such gradients, which may also
-// have other causes. Devices must be opened after the object is created.
+// LenientKernels makes ubs read the kernels from a copy that renders splats with any finite parameters. The
+// effect lasts as long as the object exists. The product culls splats beyond UBS_RAW_MAX, because their
+// gradients are not finite (kernels/limits.h). With these kernels, tests check how the product handles such
+// gradients, which may also have other causes. Devices must be opened after the object is created.
 #pragma once
 
 #include <cstdlib>
