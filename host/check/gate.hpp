@@ -24,10 +24,11 @@ struct Gate {
   std::function<void(const std::string&)> on_warning;
 };
 
-// Returns the index of the device in list_devices(). If the request names a device, it is used or refused:
-// throws Error(faulty) with stage and numbers if its results are wrong, and otherwise the error of the
-// device. Without a request, a device that fails is skipped, with one warning that contains the reason. If no
-// device is left, throws the error of the first one. With UBS_CHECK=off nothing is checked.
+// Returns the index of the device in list_devices(). If the request names a device, this device is used or
+// refused: the function throws Error(faulty) with stage and numbers if its results are wrong, and otherwise
+// the error of the device. Without a request, a device that fails is skipped, with one warning that contains
+// the reason. If no device is left, the function throws the error of the first one. With UBS_CHECK=off
+// nothing is checked.
 std::size_t choose_proved_device(const std::string& request, const Use& use, const Gate& gate);
 
 // Checks one device that has already been chosen. Throws Error(faulty) or the error of the device.

@@ -30,8 +30,8 @@ std::string device_text(const DeviceInfo& d) {
   return text;
 }
 
-// Returns a hash of the kernel sources that are used instead of the embedded ones. Empty if the embedded ones
-// are used.
+// Returns a hash of the kernel sources that are used instead of the embedded ones, or an empty text if the
+// embedded ones are used.
 std::string sources_text() {
   const char* folder = std::getenv("UBS_KERNEL_DIR");
   if (!folder || !*folder) return "";

@@ -36,8 +36,8 @@ class CaptureStages final : public Stages {
   void repeat() {
     stages_->run(last_[operation_index<T>()].value());
   }
-  // The same, selected by the name in kOperationNames. Returns null if there is no such operation or it was
-  // not called.
+  // Returns the last call of the operation with this name in kOperationNames. Returns null if there is no
+  // such operation or it was not called.
   const Operation* last(std::string_view name) const {
     const auto found = std::ranges::find(kOperationNames, name);
     if (found == kOperationNames.end()) return nullptr;

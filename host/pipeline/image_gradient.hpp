@@ -24,7 +24,7 @@ struct ImageGradient {           // empty members count as zeros
 // Alpha: back ends only support a gradient with respect to colours. They walk through the splats of a pixel
 // from front to back. At each splat they read the contribution of everything behind it from the image, as
 // v_rgb . (image - what has been composited so far). After the last splat, T (v_rgb . background) remains,
-// where T is the transmittance. What we need is the gradient of v_rgb . image + v_alpha * alpha. Because
+// where T is the transmittance. We need the gradient of v_rgb . image + v_alpha * alpha. Because
 // alpha is 1 - T, v_alpha adds a constant and changes this remainder by -v_alpha T, as a different background
 // would. Before the walk, we therefore change one channel of the image by -v_alpha T / v, where v is the
 // component of v_rgb in this channel. If all components of v_rgb are 0 or nearly 0, one of them is set to

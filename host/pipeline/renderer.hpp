@@ -41,8 +41,8 @@ struct RenderedView {
   std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
-// Convert planes (3, height, width) into the layout of the buffers, (3, rows, pitch) with zeros beyond the
-// image, and back.
+// These functions convert planes (3, height, width) into the layout of the buffers, (3, rows, pitch) with
+// zeros beyond the image, and back.
 std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape);
 std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape);
 

@@ -28,8 +28,8 @@ class ImagePool {
 
   // Returns the number of the image. Does not decode it yet.
   std::size_t add(std::shared_ptr<const ImageSource> source);
-  // Returns an image. If a thread is decoding it, waits; if it is not being decoded, decodes it in this
-  // thread. Rethrows errors of decoding.
+  // Returns an image. If a thread is decoding it, the call waits. If it is not being decoded, the call
+  // decodes it in this thread. Rethrows errors of decoding.
   std::shared_ptr<const Image8> get(std::size_t index);
   // Requests an image that will be needed soon. Does nothing if the image is there, or if the budget is full
   // of images that were prefetched and not yet fetched.

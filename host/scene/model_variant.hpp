@@ -71,7 +71,7 @@ constexpr const char* variant_values(std::string_view key) {
   return nullptr;
 }
 
-// Convert a variant to and from the numbers of its values, in the order of kVariantSwitches.
+// These functions convert a variant to and from the numbers of its values, in the order of kVariantSwitches.
 std::array<int, kVariantSwitches.size()> variant_numbers(const ModelVariant& variant);
 ModelVariant variant_from_numbers(const std::array<int, kVariantSwitches.size()>& numbers);
 

@@ -23,7 +23,7 @@ struct Pose {
   double fov = 0.87;    // horizontal angle of view [rad], inside (0, pi)
   double time = 0;
 
-  // Return the unit vectors of the camera axes in world coordinates.
+  // These functions return the unit vectors of the camera axes in world coordinates.
   Vec3 right() const;
   Vec3 down() const;
   Vec3 forward() const;

@@ -28,7 +28,7 @@ struct Checkpoint {
   // Only for runs on several kinds of devices: how many views of a batch each rank renders.
   std::vector<std::uint64_t> views_by_rank;
   TimeBudget budget;
-  // The first row of log.csv. Its seconds and loss identify the run. Empty before the row exists.
+  // The first row of log.csv. Its seconds and loss identify the run. The text is empty before the row exists.
   std::string first_row;
 };
 

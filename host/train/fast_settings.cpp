@@ -30,7 +30,7 @@ constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnI
 // (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-// For models with direct conditioning and time: docs/results/2026-11-24-budgets.md
+// This value is for models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
 constexpr double kMovingCooldown = 0.6;
 constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
 // Exponent for beta_dir_init. It only applies to photographs of static scenes with initial points.

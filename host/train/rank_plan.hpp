@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// predict_ranks() estimates the time of a training step that several ranks share (docs/cluster.md). It
-// combines the parts of a step, measured on one device with views of the data, with a network of which only
-// the speed and the latency are given.
+// predict_ranks() estimates the time of a training step that several ranks share (docs/cluster.md). The parts
+// of a step are measured on one device with views of the data. The network is described only by its speed and
+// its latency.
 #pragma once
 
 #include <cstdint>

@@ -11,7 +11,8 @@
 namespace ubs {
 namespace {
 
-// Returns the high word of the product of two 64-bit numbers, exactly as mcmc_draw in kernels/map/mcmc.cl.
+// Returns the high word of the product of two 64-bit numbers. The calculation is that of mcmc_draw in
+// kernels/map/mcmc.cl.
 std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
   const std::uint64_t a0 = a & 0xffffffffu, a1 = a >> 32, b0 = b & 0xffffffffu, b1 = b >> 32;
   const std::uint64_t middle = a1 * b0 + (a0 * b0 >> 32), other = a0 * b1 + (middle & 0xffffffffu);

@@ -2,12 +2,12 @@
 // Trainer optimises a splat model on the training views of a data set. It runs the training loop of
 // method.md, section 4, on one device, or on several MPI ranks that share the splats and the views
 // (docs/cluster.md).
-// Its parts: Schedule decides at which iteration what happens, TrainingViews supplies cameras and
-// photographs, ViewPasses renders them, TrainedSplats holds the optimised parameters, Guard handles values
-// that are not finite, and BudgetPace keeps the run within a time budget.
-// Reproducible: all random choices (order of views, noise, sampling for relocation) depend only on the seed
-// and the iteration, and there is no hidden state. With the same settings, data, device and build, two runs
-// give bit-identical models, also after a restore().
+// It consists of several parts. Schedule decides at which iteration what happens, TrainingViews supplies
+// cameras and photographs, ViewPasses renders them, TrainedSplats holds the optimised parameters, Guard
+// handles values that are not finite, and BudgetPace keeps the run within a time budget.
+// Training is reproducible: all random choices (order of views, noise, sampling for relocation) depend only
+// on the seed and the iteration, and there is no hidden state. With the same settings, data, device and
+// build, two runs give bit-identical models, also after a restore().
 #pragma once
 
 #include <functional>
@@ -45,7 +45,7 @@ struct StepReport {
   std::optional<Metrics> test;  // only after an evaluation
 };
 
-// When `save` is called with the state of a run: every `iterations` iterations and every `seconds` seconds of
+// `save` is called with the state of the run every `iterations` iterations and every `seconds` seconds of
 // training; 0: never.
 struct StateSaving {
   int iterations = 0;
@@ -135,7 +135,7 @@ class Trainer {
     bool looks = false;  // checks for values that are not finite
   };
 
-  // Create the parts for one process, or for one of several ranks.
+  // These functions create the parts for one process, or for one of several ranks.
   std::unique_ptr<TrainedSplats> all_or_own_splats(const SplatModel& initial);
   std::unique_ptr<ViewPasses> all_or_own_passes();
 

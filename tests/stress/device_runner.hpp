@@ -17,7 +17,8 @@ namespace ubs::stress {
 struct DeviceResult {
   std::vector<float> image;  // (3, H, W)
   std::vector<float> alpha;  // (H, W)
-  SplatModel gradient;       // of sum(weights * image) with respect to each parameter, in its place
+  // Each parameter is replaced by the derivative of sum(weights * image) with respect to it.
+  SplatModel gradient;
   ListTotals totals;
 };
 

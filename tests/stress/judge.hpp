@@ -18,7 +18,7 @@ inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // The promised relative error (2-norm) of an image, and of a gradient by parameter group. It holds unless the
 // rounding of the inputs alone causes a larger error.
 inline constexpr double kPromise = 1e-3;
-// An error above this multiple of the change that half-ulp rounding of the inputs makes is caused by the
+// An error above this multiple of the change that half-ulp rounding of the inputs causes is an error of the
 // program itself.
 inline constexpr double kConditioning = 32;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file tests properties of every model: order and definiteness. judge.cpp checks the other properties
 // for every case of every row: images stay within the range of their colours, gradients are finite, gradients
-// of culled splats are zero, and all others agree with float64.
+// of culled splats are zero, and all other gradients agree with float64.
 #include <catch2/catch.hpp>
 #include <cmath>
 

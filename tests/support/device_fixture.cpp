@@ -38,7 +38,7 @@ int use_device(const std::string& request, bool optional, bool cuda_on_host) {
 }
 
 std::vector<std::shared_ptr<Device>> devices_under_test() {
-  // Never destroyed, because some drivers are already shut down when static destructors run.
+  // The devices are never destroyed, because some drivers are already shut down when static destructors run.
   static const auto* devices = new std::vector<std::shared_ptr<Device>>([] {
     std::vector<std::shared_ptr<Device>> opened;
     const std::vector<DeviceInfo> all = list_devices();

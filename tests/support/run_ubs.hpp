@@ -39,7 +39,7 @@ inline Result run_ubs(const TempFolder& folder, const std::string& arguments) {
   return run_command(folder, fmt::format("'{}' {}", program_of(arguments), arguments));
 }
 
-// Same as run_ubs(), but ends the test if the exit code is not 0.
+// Does the same as run_ubs(), but ends the test if the exit code is not 0.
 inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
   Result result = run_ubs(folder, arguments);
   INFO("ubs " << arguments << "\n" << result.err);

@@ -27,7 +27,7 @@ Configuration parse_configuration(const std::string& text);
 // Returns `base` with the settings of the configuration. Throws Error(usage) with a message that contains the
 // label.
 TrainSettings apply(TrainSettings base, const Configuration& configuration);
-// Return the variant of the truth, and its name for tables: "same" or, for example, "exp".
+// These functions return the variant of the truth, and its name for tables: "same" or, for example, "exp".
 ModelVariant truth_variant(const TrainSettings& base, const Configuration& configuration);
 std::string truth_name(const Configuration& configuration);
 

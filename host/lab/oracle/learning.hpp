@@ -18,13 +18,14 @@ struct AdamValue {
 AdamValue adam(AdamValue before, double g, double rate, std::uint64_t step, double beta1 = 0.9f,
                double beta2 = 0.999f, double epsilon = 1e-15f);
 
-// Return the gradient of a penalty: of the mean over `count` splats with respect to the raw opacity, or of
-// the mean over their three spatial scales with respect to a raw scale.
+// opacity_penalty() returns the gradient of the mean opacity penalty of `count` splats with respect to the
+// raw opacity of one of them. scale_penalty() returns that of the mean scale penalty of `count` splats, each
+// with three spatial scales, with respect to one raw scale.
 double opacity_penalty(double raw, double weight, std::size_t count);
 double scale_penalty(double raw, double weight, std::size_t count);
 
-// The displacement of a splat by noise, and the sum of the magnitudes of its terms, which determines the
-// rounding error. `iteration` and `seed` are those of AddNoise.
+// Noise holds the displacement of a splat by noise, and the sum of the magnitudes of its terms, which
+// determines the rounding error. `iteration` and `seed` are those of AddNoise.
 struct Noise {
   std::array<double, 3> displacement{}, size{};
 };

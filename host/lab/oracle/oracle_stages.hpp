@@ -19,8 +19,8 @@ inline constexpr int kFootprintInputs = 11;  // mean 2, conic 3, opacity, beta, 
 using FootprintGradient = std::array<double, kFootprintInputs>;
 
 Render render_frame(const Frame& frame, const Camera& camera, const Options& options);
-// Return the loss of an image as in oracle::loss, and d loss / d image. `image` and `target` are (3, height,
-// width).
+// These functions return the loss of an image as in oracle::loss, and d loss / d image. `image` and `target`
+// are (3, height, width).
 double image_loss(std::span<const double> image, std::span<const double> target, int width, int height,
                   double lambda_dssim);
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,

@@ -40,13 +40,13 @@ inline constexpr int kRingCameras = 8;
 Camera ring_camera(const SceneOptions& options, int index);
 std::vector<double> smooth_target(int width, int height, std::uint64_t seed);
 
-// Returns a scene with splats within +-0.9 of the origin, with moderate anisotropy and query correlations,
-// most of which are visible from camera 0. Among every 32 splats, there is one that can exceed alpha 0.999,
-// one that is below the tanh floor in every query dimension, one that is beyond the 1.3x limit of the
+// Returns a scene with splats within +-0.9 of the origin, with moderate anisotropy and query correlations.
+// Most of the splats are visible from camera 0. Among every 32 splats, there is one that can exceed alpha
+// 0.999, one that is below the tanh floor in every query dimension, one that is beyond the 1.3x limit of the
 // projection of camera 0 but reaches into its image, and one that is behind camera 0.
 Scene regular_scene(const SceneOptions& options);
 
-// Return difficult scenes. All use ring camera 0 unless noted.
+// These functions return difficult scenes. All of them use ring camera 0 unless the comment says otherwise.
 Scene huge_splat_scene(const SceneOptions& options);       // one splat covers every pixel; `count` is ignored
 Scene crowded_tile_scene(const SceneOptions& options);     // all means within pixels [16,32) x [16,32)
 Scene behind_camera_scene(const SceneOptions& options);    // nothing visible

@@ -84,9 +84,9 @@ inline double least_spatial_scale(const ModelVariant& variant) {
          : variant.cov_param == CovParam::cholesky ? 3e-4
                                                    : 1e-4;
 }
-// skew_nd: after the clamp above, a query scale is clamped in the same way with its row of (I + A) diag(s),
-// and a spatial scale is at least kMinSkewMotion times the length of the query columns of its row. Both use
-// the scales before this second clamp.
+// With skew_nd there is a second clamp after the one above. A query scale is clamped in the same way with its
+// row of (I + A) diag(s), and a spatial scale is at least kMinSkewMotion times the length of the query
+// columns of its row. Both rules use the scales before this second clamp.
 inline constexpr double kMinSkewMotion = 1.5e-2;
 
 // Returns softplus of the raw spatial scales, raised to the minimum if they are below it. A raised scale has
@@ -311,9 +311,9 @@ bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
   });
 }
 
-// Direct conditioning: with the factor L of the query precision, the cross covariance s Theta (s is the mean
-// spatial scale) and the weights W, the mean is mean + s Theta W (L L^T) x, and the opacity is evaluated at
-// L^T x. x is the query minus its mean.
+// Computes the mean and the opacity of a splat with direct conditioning. L is the factor of the query
+// precision, s Theta is the cross covariance (s is the mean spatial scale), and W are the weights. x is the
+// query minus its mean. The mean is mean + s Theta W (L L^T) x, and the opacity is evaluated at L^T x.
 template <class S>
 void condition_directly(std::span<const S> raw, const Rows& rows, const std::vector<S>& x,
                         const ModelVariant& variant, Conditioned<S>& result) {
