@@ -140,7 +140,7 @@ class Renderer {
   // The caller fills it between forward and backward.
   BufferView<float> v_image() const { return v_image_.view(); }
   // Returns the state of the sky that the settings of the last view had. Training may change it on the
-  // device. It stays until settings with a different sky are used. Empty without a sky.
+  // device. It stays until settings with a different sky are used. The view is empty if there is no sky.
   BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
   // Uploads the state that belongs to settings with `sky`. If `state` is empty, the state is that at the
   // start of training.
