@@ -13,14 +13,14 @@
 namespace ubs::check {
 namespace {
 
-// Relative 2-norms; within those of tests/pipeline/oracle_comparison_test.cpp. docs/check.md: worst seen, and
-// why there is room above it.
+// Bounds for relative 2-norms. They are not larger than those of tests/pipeline/oracle_comparison_test.cpp.
+// docs/check.md links to the largest errors seen and to the reasons for the margin.
 constexpr double kProjection = 1e-4, kForward = 1e-5, kBackward = 1e-4, kProjectBackward = 1e-4,
                  kImage = 1e-4, kGradient = 1e-3;
 
 void append(Findings& all, Findings more) { std::ranges::move(more, std::back_inserter(all)); }
 
-// Errors of the stages of StageRun::stage_errors, by the name that is shown.
+// Adds the errors from StageRun::stage_errors, under the names that are displayed.
 void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
   const std::map<std::string, std::pair<const char*, double>> shown{
       {"project_forward", {"projection", kProjection}},
@@ -29,7 +29,7 @@ void add_stages(Findings& all, const std::vector<StageErrors>& stages) {
       {"project_backward", {"backward projection", kProjectBackward}}};
   for (const StageErrors& stage : stages) {
     const auto found = shown.find(stage.stage);
-    if (found == shown.end()) continue;  // the loss has a check of its own
+    if (found == shown.end()) continue;  // the loss is checked separately
     Worst worst(found->second.first);
     for (const NamedErrors& q : stage.quantities)
       worst.add(q.quantity, q.errors.relative, found->second.second);
@@ -54,7 +54,8 @@ Finding check_gradient(StageRun& run, const FormVectors& e) {
   return worst.finding();
 }
 
-// By bits: NaN equals itself, zeros of two signs differ.
+// Returns the number of values that differ in their bits. So NaN equals itself, and zeros of different sign
+// differ.
 double differing(const std::vector<float>& a, const std::vector<float>& b) {
   double count = 0;
   for (std::size_t i = 0; i < a.size(); ++i)

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a device computes what the method says: a small made-up scene on the kernels of one form, each
-// stage on exact inputs and all of them together, against float64 results that are embedded (vectors.hpp);
-// lists word for word; and the same bits a second time.
+// examine() checks whether a device computes correct results. It runs the kernels of one variant on a small
+// synthetic scene: each stage alone on exact inputs, and all stages together. Results are compared with
+// float64 results that are embedded in the program (vectors.hpp), tile lists are compared word for word, and
+// a second run must be bit-identical.
 #pragma once
 
 #include "host/check/finding.hpp"
@@ -9,11 +10,11 @@
 
 namespace ubs::check {
 
-// One finding a stage, in the order of an iteration, for checked_config(subject.config). Throws what the
-// device throws: Error(build) where the kernels do not build, Error(memory), Error(device).
+// Returns one finding per stage, in the order of an iteration, for checked_config(subject.config). Throws the
+// errors of the device: Error(build) if the kernels do not build, Error(memory), Error(device).
 Findings examine(Device& device, const Subject& subject);
 
-// The first that does not hold; null where all do.
+// Returns the first finding that does not hold, or null if all hold.
 const Finding* failure(const Findings& findings);
 
 }  // namespace ubs::check

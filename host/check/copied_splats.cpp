@@ -57,7 +57,7 @@ Copies judge_copies(const Population& before, const Population& after,
     return holds;
   };
   for (const std::uint32_t slot : written) {
-    // Not every number is an index: a slot that was not written may hold anything.
+    // The value may not be an index, because a slot that was not written may contain anything.
     const float origin = after.at(0, slot);
     if (!require(origin >= 0 && origin < static_cast<float>(before.count), "is no copy", slot)) return copies;
     ++copies.of_source[after.origin(slot)];
@@ -68,7 +68,7 @@ Copies judge_copies(const Population& before, const Population& after,
     if (const auto source = copies.of_source.find(i); source != copies.of_source.end()) {
       const double expected = split_opacity(before.opacity(i), source->second + 1);
       const double error = std::abs(after.opacity(i) / expected - 1);
-      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // or no number
+      copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // a NaN is kept
       require(moments_are(after, i, 0, 0), "was copied and has its old moments", i);
       require(same_rows(before, i, after, i, false), "was copied and has moved", i);
     } else if (std::ranges::find(written, i) == written.end()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splats that are moved and copied by relocation and growth, and whether what came of it is what method.md
-// 4.3 says.
+// judge_copies() checks splats after relocation or growth: the moved and copied splats must be as method.md
+// 4.3 requires. Population holds the splats of such a test.
 #pragma once
 
 #include <cstdint>
@@ -12,10 +12,10 @@
 
 namespace ubs::check {
 
-// Raw parameters and moments in rows of `stride`. Row 0 of a splat is its own index, so that copies show
-// where they come from.
+// Population holds raw parameters and moments in rows of `stride` values. Row 0 of a splat contains its own
+// index, so that a copy shows which splat it was copied from.
 struct Population {
-  // Moments are 1.5 and 2.5 everywhere; parameters differ from splat to splat and row to row.
+  // All first moments are 1.5 and all second moments 2.5. Parameters differ between splats and between rows.
   Population(const ParameterLayout& layout, std::uint32_t count, std::uint32_t capacity, float raw_opacity);
 
   std::size_t rows, opacity_row;
@@ -33,12 +33,13 @@ struct Population {
 double split_opacity(double opacity, double parts);
 
 struct Copies {
-  std::string problem;       // the first one; empty: there is none
+  std::string problem;       // the first problem that was found; empty: none
   double opacity_error = 0;  // largest relative error of a source's new opacity
   std::map<std::uint32_t, int> of_source;
 };
-// Every slot of `written` must be a complete copy of a splat that is now one of copies + 1 equal parts, all
-// of them with moments of 0; everything else must be as it was.
+// Checks that every slot in `written` is a complete copy of a splat, that this splat now has the opacity of
+// one of copies + 1 equal parts, and that the moments of all of them are 0. Everything else must be
+// unchanged.
 Copies judge_copies(const Population& before, const Population& after,
                     const std::vector<std::uint32_t>& written);
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The file of ubs_check_vectors as a part of the program. UBS_CHECK_VECTORS is its path.
+// This file embeds the output of ubs_check_vectors into the program. UBS_CHECK_VECTORS is the path of that
+// output.
 #include "host/check/vectors.hpp"
 
 #ifdef _WIN32
 #define UBS_READ_ONLY ".section .rdata,\"dr\"\n"
-#else  // not to be seen outside of the shared library, whose functions begin with ubs_
+#else  // hidden outside of the shared library, whose exported functions begin with ubs_
 #define UBS_READ_ONLY \
   ".hidden ubs_check_vectors_begin\n.hidden ubs_check_vectors_end\n.section .rodata,\"a\"\n"
 #endif

@@ -38,13 +38,14 @@ Errors ErrorSum::errors() const {
 
 namespace {
 
-// Both in rows of `count` values, one a splat.
+// Returns the relative error without the worst 1 % of the splats. Both arrays have rows of `count` values,
+// one per splat.
 double without_worst_splats(std::span<const float> values, std::span<const double> truth, std::size_t count) {
   std::vector<double> by_splat(count, 0.0);
   double norm = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double difference = values[i] - truth[i];
-    // Never one of those that are left out.
+    // A splat with a value that is not finite must never be omitted.
     if (!std::isfinite(difference)) return std::numeric_limits<double>::infinity();
     by_splat[i % count] += difference * difference;
     norm += truth[i] * truth[i];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two numbers for the difference of float32 results from float64 ones.
+// ErrorSum measures the difference between float32 results and float64 results.
 #pragma once
 
 #include <cstddef>
@@ -13,20 +13,22 @@
 namespace ubs::check {
 
 struct Errors {
-  double relative = 0;  // ||a - b|| / ||b|| (2-norm); ||a|| where b is zero
+  double relative = 0;  // ||a - b|| / ||b|| (2-norm); ||a|| if b is zero
   double absolute = 0;  // max |a - b|
-  // The relative error without the 1 % of splats that differ most, where the quantity is one of splats: in
-  // float32 a few pairs of splats have another order than in float64, and their gradients are then others
-  // altogether. Infinite where any value is not finite.
+  // The relative error without the 1 % of splats that differ most, if the quantity has values for each splat.
+  // Otherwise it is equal to `relative`. In float32, a few pairs of splats are in a different order than in
+  // float64, and then their gradients are completely different. The error is infinite if any value is not
+  // finite.
   double typical = 0;
 };
 
-// Sums of a quantity's differences, value by value. A value that is not finite makes both numbers infinite.
+// ErrorSum adds up the differences of a quantity, value by value. A value that is not finite makes all
+// results infinite.
 class ErrorSum {
  public:
   void add(double value, double truth);
-  void add(std::span<const float> values, std::span<const double> truth);  // of one length
-  // Planes of pixels, without those that are not decided (Problem::undecided).
+  void add(std::span<const float> values, std::span<const double> truth);  // both of the same length
+  // Adds planes of pixels, without the pixels in `undecided` (Problem::undecided).
   void add(std::span<const float> planes, std::span<const double> truth,
            std::span<const std::uint8_t> undecided);
   Errors errors() const;
@@ -40,10 +42,11 @@ struct NamedErrors {
   Errors errors;
 };
 
-// By parameter group of the model form, groups without rows left out. Both in rows of `count` values.
+// Returns the errors of each parameter group of the model. Groups without rows are omitted. `values` and
+// `truth` have rows of `count` values.
 std::vector<NamedErrors> group_errors(const ParameterLayout& layout, std::size_t count,
                                       std::span<const float> values, std::span<const double> truth);
-// The one with the largest typical error; the list must not be empty.
+// Returns the entry with the largest typical error. The list must not be empty.
 const NamedErrors& worst(std::span<const NamedErrors> errors);
 
 }  // namespace ubs::check

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a check of a device found, one a stage: an error beside what it may be.
+// Finding is the result of a device check for one stage: an error and the largest error that is allowed.
 #pragma once
 
 #include <string>
@@ -8,13 +8,13 @@
 namespace ubs::check {
 
 struct Finding {
-  std::string stage, quantity;  // the quantity with the largest share of what it may be
-  double error = 0, bound = 0;  // infinite where a value is no number
+  std::string stage, quantity;  // quantity with the largest ratio of error to bound
+  double error = 0, bound = 0;  // `error` is infinite if a value is not finite
   bool holds() const { return error <= bound; }
 };
 using Findings = std::vector<Finding>;
 
-// Keeps the quantity of a stage that comes closest to its bound, or is farthest beyond it.
+// Worst collects the quantities of a stage and keeps the one with the largest ratio of error to bound.
 class Worst {
  public:
   explicit Worst(std::string stage) { worst_.stage = std::move(stage); }
@@ -26,7 +26,7 @@ class Worst {
   double share_ = -1;
 };
 
-// "projection: conic factor has an error of 1.0e-02, at most 2.0e-05 is right"
+// Returns, for example, "projection: conic factor has an error of 1.00e-02, but at most 2.00e-05 is allowed".
 std::string text(const Finding& finding);
 
 }  // namespace ubs::check

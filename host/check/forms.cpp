@@ -17,7 +17,7 @@ std::vector<Form> make_forms() {
                          .kernel = SpatialKernel::gaussian,
                          .colour = ColourMode::sh3,
                          .conditioning = Conditioning::direct};
-  const std::vector<Form> others{// Each value of a switch that has formulas of its own
+  const std::vector<Form> others{// Every value of a switch that has formulas of its own
                                  {6, {.rot_mode = RotMode::exp}},
                                  {6, {.cov_param = CovParam::cholesky}},
                                  {6, {.cov_param = CovParam::skew_nd}},

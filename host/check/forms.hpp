@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The forms of the method that a build has float64 vectors of, so that devices can be checked in them.
+// Form is a variant of the method together with N and query_grad. forms() lists those for which a build
+// contains float64 vectors, so that devices can be checked with them.
 #pragma once
 
 #include <vector>
@@ -16,12 +17,13 @@ struct Form {
   bool operator==(const Form&) const = default;
 };
 
-// The table of forms. A line here is all that another form needs: the build makes its vectors.
+// Returns the table of forms. To add a form, only a line in this table is needed; the build computes its
+// vectors.
 const std::vector<Form>& forms();
 
-// Returns the place in forms() of the form that stands for `form` in a check: `form` itself where it is in
-// the table, else the one of the same N with the most switches that agree (query_grad is one of them), the
-// first of the table among equals.
+// Returns the index in forms() of the form with which `form` is checked. This is `form` itself if it is in
+// the table. Otherwise it is the form of the same N in which the most switches agree, including query_grad;
+// among equals, it is the first in the table.
 std::size_t nearest_form(const Form& form);
 
 }  // namespace ubs::check

@@ -7,19 +7,19 @@
 namespace ubs::check {
 namespace {
 
-// Worst seen, and why there is room above it: docs/check.md.
+// docs/check.md links to the largest errors seen and to the reasons for the margin.
 constexpr double kGradientBound = 1e-4;
 constexpr double kParameterBound = 4.4e-7, kMoment1Bound = 3.4e-7,
-                 kMoment2Bound = 3.6e-7;  // those of tests/stages/optimiser_test.cpp
-// 9.5e-8 was seen on CPUs, 1.26e-7 on an H100. A card may compute exponential and division with an error of 3
-// ulp each.
+                 kMoment2Bound = 3.6e-7;  // same as in tests/stages/optimiser_test.cpp
+// Errors of 9.5e-8 were seen on CPUs and 1.26e-7 on an H100. A card may compute exponentials and divisions
+// with an error of 3 ulp each.
 constexpr double kPenaltyBound = 1e-6;
 
 struct State {
   std::vector<float> params, moment1, moment2;
 };
 
-// Parameters and moments of a model on the device, and steps of them.
+// Steps holds the parameters and moments of a model on the device and runs optimiser steps on them.
 class Steps {
  public:
   Steps(Device& device, StageRun& run, const FormVectors& e)
@@ -64,7 +64,7 @@ class Steps {
     gradient.v_params = v_params_.view();
     stages_.learn({gradient, penalty(penalised), adam(step)});
   }
-  // A step whose gradient is 0.
+  // Runs a step whose gradient is 0.
   void learn_nothing(std::uint64_t step) {
     device_.fill_zero(*gradient_.v_records.memory, 0, sizeof(float) * kGradStride * splats().count);
     learn(step, false);
@@ -82,8 +82,8 @@ class Steps {
 struct Place {
   int row;
   std::size_t splat;
-  std::size_t at, packed;                                   // in rows of the stride, of the count
-  std::size_t adam() const { return packed % kAdamCases; }  // the case of AdamVectors that is put here
+  std::size_t at, packed;  // index in rows of `stride` values, and in rows of `count` values
+  std::size_t adam() const { return packed % kAdamCases; }  // the case of AdamVectors that is stored here
 };
 template <class F>
 void for_values(const ParameterLayout& layout, const SplatView& splats, const F& f) {
@@ -97,7 +97,7 @@ bool is_scale(const ParameterLayout& layout, int row) {
   return row >= layout.scale && row < layout.scale + 3;
 }
 
-// Of the model of the form; 0 in the rows that have none.
+// Returns the gradient of the penalties for the model of `e`, or 0 for rows without a penalty.
 double model_penalty(const ParameterLayout& layout, const Place& p, const FormVectors& e) {
   if (p.row == layout.opacity) return e.penalties[p.splat];
   if (!is_scale(layout, p.row)) return 0;
@@ -119,7 +119,8 @@ void add_step(Worst& worst, const State& after, std::size_t at, double parameter
             kMoment2Bound);
 }
 
-// From moments of zero a step leaves a tenth of the gradient in the first one.
+// The gradient follows from the first moment: starting from moments of zero, a step leaves a tenth of the
+// gradient there.
 Finding check_step_gradient(const ParameterLayout& layout, const SplatView& splats, const State& after,
                             const FormVectors& e) {
   std::vector<float> found(e.truth.v_params.size());
@@ -145,7 +146,7 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
   steps.learn(1, true);
   const Finding gradient = check_step_gradient(layout, splats, steps.state(), e);
 
-  // In one pass the parameters are those of the model, which is projected once more.
+  // The combined step must use the parameters of the model, because it projects the model again.
   State moving = start;
   for_values(layout, splats, [&](const Place& p) {
     moving.moment1[p.at] = static_cast<float>(cases.moment1[p.adam()]);
@@ -160,7 +161,7 @@ Findings check_learning(Device& device, StageRun& run, const FormVectors& e) {
              cases.moment1_at_rest[p.adam()], cases.moment2_at_rest[p.adam()]);
   });
 
-  // Penalties and Adam alone take any parameters and gradients.
+  // The separate operations for penalties and Adam accept any parameters and gradients.
   State given = moving;
   std::vector<float> v(start.params.size(), 0.0f);
   for_values(layout, splats, [&](const Place& p) {

@@ -9,7 +9,7 @@
 namespace ubs::check {
 namespace {
 
-// Several blocks of scan and sort (2048 and more), and a part of one.
+// Several full blocks of the scan and the sort (2048 or more elements each), and an incomplete one.
 constexpr std::uint32_t kListedSplats = 9001;
 
 double differing(const Words& found, const Words& expected) {
@@ -36,7 +36,7 @@ struct ListsOnDevice {
   Buffer<std::uint64_t> totals;
 };
 
-// `bounded`: without waiting for the totals.
+// Checks lists. `bounded`: without waiting for the totals.
 Finding check(Device& device, Stages& stages, const ListedSplats& splats, const TileLists& expected,
               bool bounded) {
   const std::uint64_t pairs = expected.totals.intersections, room = bounded ? pairs + pairs / 3 : pairs;
@@ -59,7 +59,8 @@ Finding check(Device& device, Stages& stages, const ListedSplats& splats, const 
   worst.add(
       "intersections",
       static_cast<double>(std::max(totals.intersections, pairs) - std::min(totals.intersections, pairs)), 0);
-  if (!worst.finding().holds()) return worst.finding();  // lists of another length would not fit
+  // Lists of a different length would not fit into the buffers.
+  if (!worst.finding().holds()) return worst.finding();
   stages.build_lists({splats.count(), given, splats.shape, on.keys.view(), on.rects.view(), on.offsets.view(),
                       on.ids.view(), on.slots.view(), on.ranges.view(), bounded});
   if (stages.config().backward) {

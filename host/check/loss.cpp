@@ -6,7 +6,7 @@
 namespace ubs::check {
 namespace {
 
-// Worst seen, and why there is room above it: docs/check.md.
+// docs/check.md links to the largest errors seen and to the reasons for the margin.
 constexpr double kValueBound = 1e-6, kImageGradientBound = 1e-5;
 
 void add_values(Worst& worst, const std::vector<float>& sums, const LossValues& expected) {

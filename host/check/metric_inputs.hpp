@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inputs of the image metrics that a check and the tests make for themselves: pairs of random images, as
-// bytes and on a device in both of the layouts that metrics read, and random weights of small networks.
+// This file creates the inputs for the image metrics in the device check and in the tests: pairs of random
+// images, as bytes and on a device in both layouts that metrics read, and random weights of small networks.
 #pragma once
 
 #include <fmt/format.h>
@@ -25,7 +25,8 @@ inline std::vector<std::uint8_t> random_bytes(PlanarSize size, unsigned seed) {
   return bytes;
 }
 
-// Neighbouring pixels alike, a second image a little different: as images are.
+// Returns two images that resemble real ones: neighbouring pixels are similar, and the second image differs
+// slightly from the first.
 inline std::array<std::vector<std::uint8_t>, 2> image_pair(PlanarSize size) {
   std::array<std::vector<std::uint8_t>, 2> pair{random_bytes(size, 1), {}};
   for (std::size_t i = 1; i < pair[0].size(); ++i)
@@ -37,7 +38,7 @@ inline std::array<std::vector<std::uint8_t>, 2> image_pair(PlanarSize size) {
   return pair;
 }
 
-struct Uploaded {  // one image as 8 bit, one as padded float planes
+struct Uploaded {  // one image as 8-bit data, the other as padded float planes
   Buffer<std::uint8_t> bytes;
   Buffer<float> values;
   DeviceImage a, b;
@@ -59,7 +60,7 @@ inline Uploaded upload(Device& device, const std::array<std::vector<std::uint8_t
   return up;
 }
 
-// Few channels; about half of the features survive each ReLU.
+// Returns weights for a network with few channels. About half of the features are positive after each ReLU.
 inline TensorFile random_weights(const Network& network, unsigned seed) {
   TensorFile file{"random", {}};
   std::mt19937 generator(seed);
@@ -71,7 +72,7 @@ inline TensorFile random_weights(const Network& network, unsigned seed) {
     for (std::size_t i = 0; i < count; ++i) tensor.values.push_back(value(generator));
     file.tensors[name] = std::move(tensor);
   };
-  std::size_t channels = 3, next = 5;  // odd numbers: nothing may depend on multiples of four
+  std::size_t channels = 3, next = 5;  // odd numbers, because nothing may depend on multiples of four
   const auto convolution = [&](const std::string& name, std::size_t in, std::size_t out, std::size_t window) {
     const float limit = std::sqrt(6.0f / static_cast<float>(in * window * window));
     fill(name + ".weight", {out, in, window, window}, -limit, limit);

@@ -12,8 +12,8 @@ namespace ubs::check {
 namespace {
 
 constexpr float kDead = -8;               // raw opacity
-constexpr double kOpacityBound = 4.8e-7;  // tests/stages/mcmc_test.cpp: 2.4e-7 seen
-constexpr double kNoiseBound = 1.7e-5;    // there too: 8.5e-6 seen
+constexpr double kOpacityBound = 4.8e-7;  // as in tests/stages/mcmc_test.cpp; 2.4e-7 was seen
+constexpr double kNoiseBound = 1.7e-5;    // as there; 8.5e-6 was seen
 
 class PopulationOnDevice {
  public:
@@ -81,7 +81,8 @@ Finding check_growth(Device& device, Stages& stages, const ParameterLayout& layo
   return worst.finding();
 }
 
-// The distance of a draw from shares in proportion to opacity, as chi-square of 49 degrees of freedom.
+// Checks that sources are drawn with probability proportional to their opacity. The measure is chi-square
+// with 49 degrees of freedom.
 Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout) {
   constexpr std::uint32_t kSources = 50, kDraws = 20000;
   Population population(layout, kSources + kDraws, kSources + kDraws, kDead);
@@ -102,7 +103,8 @@ Finding check_draw(Device& device, Stages& stages, const ParameterLayout& layout
     chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
   }
   Worst worst("draw of sources");
-  worst.add("chi-square", chi_square, 94);  // by chance once in 10^4, and always the same for a seed
+  // Exceeded by chance once in 10^4 cases; the result is always the same for a seed.
+  worst.add("chi-square", chi_square, 94);
   return worst.finding();
 }
 

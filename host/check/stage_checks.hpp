@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The checks of single stages that have inputs of their own. Each runs the stages of a device and compares
-// with the embedded float64 results, lists with a stable sort, and copies of splats with what they are copies
-// of.
+// This file declares the checks of single stages that have inputs of their own. Each runs the stages of a
+// device. Results are compared with the embedded float64 results, lists with a stable sort, and copied splats
+// with their sources.
 #pragma once
 
 #include "host/check/finding.hpp"
@@ -10,17 +10,17 @@
 
 namespace ubs::check {
 
-// Tile lists of thousands of splats, word for word: order, slots, ranges, prefix sums; where the stages are
-// for training also those that do not wait for their totals.
+// Checks tile lists of thousands of splats word for word: order, slots, ranges, prefix sums. If the stages
+// are for training, also checks lists that are built without waiting for their totals.
 Findings check_lists(Device& device, Stages& stages);
-// Loss and gradient against an 8-bit target, PSNR and SSIM of a clamped image.
+// Checks the loss and its gradient with an 8-bit target, and PSNR and SSIM of a clamped image.
 Findings check_loss(Device& device, Stages& stages);
-// A step's end in one pass and in pieces: gradient, penalties, Adam, each against double. Changes the model
-// of the run.
+// Checks the end of a training step, in one pass and as separate operations: gradient, penalties and Adam are
+// compared with double precision. Changes the model of the run.
 Findings check_learning(Device& device, StageRun& run, const FormVectors& expected);
-// Relocation, growth and noise.
+// Checks relocation, growth and noise.
 Findings check_population(Device& device, Stages& stages, const FormVectors& expected);
-// Image metrics of a small network with random weights.
+// Checks the image metrics on a small network with random weights.
 Findings check_networks(Device& device);
 
 }  // namespace ubs::check

@@ -133,7 +133,8 @@ StageErrors StageRun::projection_errors(const StageTruth& truth) {
   return out;
 }
 
-// The tiles that a splat is listed in are the device's own: they have a margin beyond its footprint.
+// The tiles of each splat are those that the device itself has computed, because they include a margin around
+// its footprint that the truth does not define.
 StageErrors StageRun::raster_forward_errors(const StageTruth& truth) {
   const std::vector<float> records = rounded(truth.records);
   write<float>(device_, stages_.last<ProjectForward>().records, records);
@@ -167,7 +168,7 @@ StageErrors StageRun::raster_backward_errors(const StageTruth& truth) {
   const std::vector<float> v = read(device_, stages_.last<SumSlots>().v_records,
                                     static_cast<std::size_t>(model_.count()) * kGradStride);
   StageErrors out{"raster_backward", {}};
-  // A device may take a denormal opacity for 0 and leave the splat out.
+  // A device may treat a denormal opacity as 0 and skip the splat, so such splats are not compared.
   const auto decided = [&](std::size_t i) {
     return std::fpclassify(static_cast<float>(truth.records[kSplatStride * i + kSplatOpacity])) !=
            FP_SUBNORMAL;

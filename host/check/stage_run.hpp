@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One configuration of the kernels on one device and view: whole passes, single stages on the buffers that a
-// pass left, and single stages on exact inputs.
+// StageRun runs one configuration of the kernels on one device and view: whole passes, single stages on the
+// buffers that a pass left, and single stages on exact inputs.
 #pragma once
 
 #include <memory>
@@ -22,26 +22,27 @@ struct StageErrors {
 
 class StageRun {
  public:
-  // Uploads the model and runs one iteration; of a forward-only configuration the forward pass. The problem
-  // must outlive the object.
+  // Uploads the model and runs one iteration, or only the forward pass if the configuration is forward-only.
+  // `problem` must outlive the object.
   StageRun(Device& device, const KernelConfig& config, const Problem& problem);
 
-  // "forward", "iteration" (forward, loss, backward; no update), or a stage of stage_errors(). Returns when
-  // the device is idle.
+  // Runs "forward", "iteration" (forward, loss, backward; no update), or a stage that stage_errors() reports.
+  // Returns when the device is idle.
   void run(const std::string& stage);
 
   std::vector<float> image() const;     // (3, height, width) of the last pass
-  std::vector<float> gradient() const;  // layout of the model
+  std::vector<float> gradient() const;  // in the layout of the model
   double loss() const;
-  // The gradient with the image gradient given (3, height, width) instead of the loss's own.
+  // Returns the gradient for the given image gradient (3, height, width) instead of that of the loss.
   std::vector<float> gradient_of(std::span<const double> v_image);
 
-  // Each stage alone, given the truth of the stages before it rounded to float32. Spoils the buffers: the
-  // next pass makes them anew. Lists are part of the forward rasteriser, the sum over tiles part of the
-  // backward one. Forward only: projection and forward rasteriser.
+  // Runs each stage alone, with the exact results of the previous stages, rounded to float32, as input.
+  // Returns the errors of each stage. Lists are part of the forward rasteriser, and the sum over tiles is
+  // part of the backward rasteriser. Forward-only configurations have only projection and forward rasteriser.
+  // At the end a whole pass restores the buffers.
   std::vector<StageErrors> stage_errors(const StageTruth& truth);
 
-  // The end of a step, given the truth of the stages before it: for Stages::learn.
+  // Returns the end of a step with exact results of the previous stages as input, for Stages::learn.
   ProjectBackward given_to_projection(const StageTruth& truth);
   Stages& stages() { return stages_.real(); }
   const DeviceModel& model() const { return model_; }
@@ -54,8 +55,8 @@ class StageRun {
   StageErrors loss_errors(const StageTruth& truth);
   StageErrors raster_backward_errors(const StageTruth& truth);
   StageErrors project_backward_errors(const StageTruth& truth);
-  void write_planes(BufferView<float> to, std::span<const float> planes);  // pads
-  std::vector<float> read_planes(BufferView<float> from) const;            // crops
+  void write_planes(BufferView<float> to, std::span<const float> planes);  // pads the planes
+  std::vector<float> read_planes(BufferView<float> from) const;            // crops the planes
 
   Device& device_;
   const Problem& problem_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn and compared, and what float64 says about each stage. The numbers come from the float64
-// reference: at build time for a check of devices (vectors.hpp), at run time for host/lab/accuracy.
+// Problem and StageTruth describe a view that is rendered and compared, and the float64 result of each stage.
+// The values come from the float64 reference: at build time for the device check (vectors.hpp), and at run
+// time for host/lab/accuracy.
 #pragma once
 
 #include <array>
@@ -16,28 +17,29 @@ namespace ubs::check {
 
 // Problem is a view of a model with its target image. float32 and float64 get the same numbers.
 struct Problem {
-  SplatModel model;  // with its form of the method
+  SplatModel model;  // with its variant
   Camera camera;
   std::vector<float> target;  // (3, height, width)
   std::array<float, 3> background{};
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   LossWeights loss = loss_weights(0.2f);
   bool query_grad = false;
-  // By pixel: left out of images that are compared, and without a gradient. Empty: there are none.
+  // For each pixel: 1 if it is not compared and has no gradient, because rounding decides its value. Empty:
+  // no such pixels.
   std::vector<std::uint8_t> undecided;
 };
 
 // StageTruth has the result of each stage, given the results of the stages before it rounded to float32. So
 // each array is at the same time what one stage should compute and, rounded, what the next one is given.
 struct StageTruth {
-  std::vector<std::uint8_t> visible;  // of every splat
-  // Projected splats in the order of kernels/layout.h (count, kSplatStride). Those that are not visible lie
-  // far away and have opacity 0.
+  std::vector<std::uint8_t> visible;  // one per splat
+  // Projected splats in the layout of kernels/layout.h (count, kSplatStride). Invisible splats are far away
+  // and have opacity 0.
   std::vector<double> records;
   std::vector<double> image;      // (3, height, width)
   std::vector<double> v_image;    // d loss / d image
-  std::vector<double> v_records;  // in the order of kernels/layout.h (count, kGradStride)
-  std::vector<double> v_params;   // layout of the model
+  std::vector<double> v_records;  // in the layout of kernels/layout.h (count, kGradStride)
+  std::vector<double> v_params;   // in the layout of the model
   double loss = 0;
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a device is checked: the kernels of one form of the method, and of them what a command needs.
+// Subject describes what a device check covers: the kernels of one method variant, restricted to those that a
+// command needs.
 #pragma once
 
 #include <string>
@@ -14,8 +15,8 @@ enum class Part {
   drawing,    // projection, lists, forward rasteriser
   loss,       // loss, PSNR, SSIM
   gradients,  // backward rasteriser, backward projection
-  learning,   // a training step's end, penalties, Adam, relocation, growth, noise
-  networks    // SSIM over whole windows, LPIPS; the same for all forms
+  learning,   // end of a training step, penalties, Adam, relocation, growth, noise
+  networks    // SSIM over whole windows, LPIPS; the same for all variants
 };
 using Parts = std::vector<Part>;
 std::string to_string(Part part);
@@ -27,15 +28,15 @@ struct Subject {
   Parts parts;
 };
 
-// The kernels that are checked for those of a command. Where work is left out, results are approximate or
-// sums have no order (alpha_min, Approximation, frozen groups) it is the exact form: what these
-// switches cost has its own measures (docs/accuracy.md). Depth is not drawn. N and the switches become those
-// of nearest_form(): a form that the build has no float64 vectors of is checked in the nearest one.
+// Returns the configuration that is checked for that of a command. Skipped work and approximations
+// (alpha_min, math, frozen groups) are switched off, because their effect on accuracy is measured separately
+// (docs/accuracy.md). Depth is not rendered. N and the switches become those of nearest_form(), because a
+// variant without float64 vectors in the build is checked with the nearest one.
 KernelConfig checked_config(KernelConfig config);
 
 Form form_of(const KernelConfig& config);
 
-// "N = 6, vectors" and what is not the default.
+// Returns a text such as "N = 6, vectors", followed by the settings that are not at their default.
 std::string form_text(const KernelConfig& config);
 
 }  // namespace ubs::check

@@ -13,7 +13,8 @@ namespace {
 
 constexpr std::uint64_t kMagic = 0x31766b6863736275;  // "ubschkv1"
 
-// Appends what it is given. Large arrays are stored as float32: their bounds leave room for that rounding.
+// PackStream writes values. Large arrays are stored as float32; the bounds of the checks leave room for this
+// rounding.
 class PackStream {
  public:
   template <class T>
@@ -37,7 +38,7 @@ class PackStream {
   std::vector<std::byte> bytes_;
 };
 
-// Reads the same in the same order.
+// UnpackStream reads the same values in the same order.
 class UnpackStream {
  public:
   explicit UnpackStream(std::span<const std::byte> bytes) : rest_(bytes) {}
@@ -152,7 +153,7 @@ void pass(Stream& s, Vectors& v) {
 
 }  // namespace
 
-// The length of what is compressed, then zlib's stream, which has a checksum.
+// The format is the uncompressed length, followed by the zlib stream, which contains a checksum.
 std::vector<std::byte> pack(const Vectors& vectors) {
   PackStream stream;
   Vectors copy = vectors;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors are the inputs and the expected results of a check of devices. ubs_check_vectors
-// (host/lab/accuracy/check_vectors.cpp) makes them when ubs is built, with the float64 reference of
-// host/lab/oracle, and they are embedded into the library. So a check needs no reference at run time.
+// Vectors contains the inputs and the expected results of the device check. ubs_check_vectors
+// (host/lab/accuracy/check_vectors.cpp) computes them when ubs is built, with the float64 reference of
+// host/lab/oracle. They are embedded into the library, so a check needs no reference at run time.
 #pragma once
 
 #include <array>
@@ -14,26 +14,27 @@
 
 namespace ubs::check {
 
-// What both sides, the build and the check, take as given.
+// Constants that the build and the check share.
 inline constexpr std::size_t kSplats = 160;
 inline constexpr int kWidth = 31, kHeight = 27;
-inline constexpr float kTarget = 0.5f;  // of all pixels
+inline constexpr float kTarget = 0.5f;  // value of all pixels
 inline constexpr std::uint64_t kDrawSeed = 123456789012345u, kDrawIteration = 900;
 inline constexpr double kNoiseAmount = 0.5;
-inline constexpr float kNoiseOpacity = -5;  // added to raw opacities, so that noise acts on all splats
+inline constexpr float kNoiseOpacity = -5;  // added to the raw opacities, so that noise affects all splats
 inline constexpr float kOpacityWeight = 5, kScaleWeight = 7, kRate = 1e-3f;
-inline constexpr std::uint64_t kAdamStep = 3;  // both bias corrections matter
+inline constexpr std::uint64_t kAdamStep = 3;  // both bias corrections have an effect
 inline constexpr int kMetricWidth = 37, kMetricHeight = 30;
 inline constexpr unsigned kNetworkSeed = 7;
-inline constexpr std::size_t kAdamCases = 503;  // no divisor of a count of splats
+// A prime number, so that each row of parameters gets different cases.
+inline constexpr std::size_t kAdamCases = 503;
 
-// A small scene in one of the forms().
+// A small scene for one of the forms().
 struct FormVectors {
   Problem problem;
   StageTruth truth;
   // Gradient of the penalties with respect to raw opacity and the three raw scales (4, count).
   std::vector<double> penalties;
-  // Displacement by noise, and the size of the terms that it is the sum of, which rounding goes by (3,
+  // Displacement by noise, and the magnitude of the terms in its sum, which determines its rounding error (3,
   // count).
   std::vector<double> displacement, displacement_size;
 };
@@ -42,27 +43,27 @@ struct LossValues {
   double l1 = 0, ssim = 0;
   std::array<double, 3> mse{};
 };
-// An image that leaves [0, 1] in places, and its target in 8 bits.
+// An image with some values outside [0, 1], and its 8-bit target.
 struct LossVectors {
   int width = 0, height = 0;
   std::vector<double> image;         // (3, height, width)
   std::vector<std::uint8_t> target;  // (3, height, width)
   double lambda_dssim = 0;
-  LossValues values, clamped;   // `clamped`: of the image clamped to [0, 1]
-  std::vector<double> v_image;  // of `values`
+  LossValues values, clamped;   // `clamped`: for the image clamped to [0, 1]
+  std::vector<double> v_image;  // gradient for `values`
 };
 
-// Values with their moments and a gradient, and what one step of Adam and the penalties make of them.
+// Parameters with their moments and gradients, and the results of one Adam step and of the penalties.
 struct AdamVectors {
-  std::vector<double> parameter, moment1, moment2, gradient;  // floats
+  std::vector<double> parameter, moment1, moment2, gradient;  // float32 values
   std::vector<double> new_parameter, new_moment1, new_moment2;
-  // The same step with a gradient of 0: what is added to the parameter, and the moments.
+  // The same step with a gradient of 0: the change of the parameter, and the new moments.
   std::vector<double> step_at_rest, moment1_at_rest, moment2_at_rest;
-  // Of `parameter` as a raw opacity and as a raw scale of one of kSplats splats.
+  // Gradient of the penalties if `parameter` is the raw opacity, or a raw scale, of one of kSplats splats.
   std::vector<double> opacity_penalty, scale_penalty;
 };
 
-// Of the two images and the network of metric_inputs.hpp.
+// Results for the two images and the network of metric_inputs.hpp.
 struct MetricVectors {
   double lpips = 0, ssim = 0;
 };
@@ -74,9 +75,10 @@ struct Vectors {
   MetricVectors metrics;
 };
 
-// Throws Error(internal) where an array has another size than the form requires.
+// Serialises the vectors. Throws Error(internal) if the size of an array does not match its form.
 std::vector<std::byte> pack(const Vectors& vectors);
-// Throws Error(internal) where the bytes are damaged or made for another table of forms.
+// Reads serialised vectors. Throws Error(internal) if the bytes are damaged or were made for a different
+// table of forms.
 Vectors unpack(std::span<const std::byte> bytes);
 
 // Returns the vectors of this build. The first call unpacks them.

@@ -18,10 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kBuilds = 8;  // whose verdicts are kept
+constexpr std::size_t kBuilds = 8;  // maximum number of builds whose verdicts are stored
 constexpr Part kParts[] = {Part::drawing, Part::loss, Part::gradients, Part::learning, Part::networks};
 
-// All that results may depend on beside the build.
+// Returns everything, except the build, that results may depend on.
 std::string device_text(const DeviceInfo& d) {
   std::string text;
   for (const std::string& part : {d.backend, d.platform, d.vendor, d.name, d.driver, d.version, d.pci})
@@ -30,7 +30,8 @@ std::string device_text(const DeviceInfo& d) {
   return text;
 }
 
-// Of the sources that kernels are made of in place of the embedded ones; empty: of those.
+// Returns a hash of the kernel sources that are used instead of the embedded ones, or an empty text if the
+// embedded ones are used.
 std::string sources_text() {
   const char* folder = std::getenv("UBS_KERNEL_DIR");
   if (!folder || !*folder) return "";
@@ -59,14 +60,15 @@ Verdict from_json(const Json& json) {
   return v;
 }
 
-// The verdicts by build, oldest first; none where the file is missing, damaged or of another device.
+// Returns the verdicts by build, oldest first. Returns none if the file is missing, damaged or for a
+// different device.
 Json read_builds(const std::string& file, const std::string& device) {
   std::error_code error;
   if (file.empty() || !fs::exists(file, error)) return Json::object();
   try {
     const Json json = Json::parse(read_text_file(file));
     if (json.at("device") == device && json.at("builds").is_object()) return json["builds"];
-  } catch (const std::exception&) {  // it is made again
+  } catch (const std::exception&) {  // the file is written again later
   }
   return Json::object();
 }
@@ -120,7 +122,7 @@ void Verdicts::write() const {
   try {
     write_file_atomically(file_, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n",
                           FileUse::cache);
-  } catch (const Error&) {  // what is not kept is found out again
+  } catch (const Error&) {  // a verdict that is not stored will be determined again
   }
 }
 

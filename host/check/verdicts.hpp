@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What checks of a device found, kept beside compiled kernels (kernel_cache_folder()): one file a device and
-// driver, with the verdicts of the builds that used it last. A file that cannot be read counts as none.
+// Verdicts stores the results of device checks next to the compiled kernels (kernel_cache_folder()). There is
+// one file per device and driver, with the verdicts of the builds that used it most recently. A file that
+// cannot be read is treated as empty.
 #pragma once
 
 #include <optional>
@@ -15,20 +16,22 @@ struct Verdict {
   std::string form;  // form_text()
   Parts parts;
   bool right = true;
-  std::string problem;  // of a wrong one: stage and numbers, or why its kernels do not build
+  std::string problem;  // if wrong: stage and numbers, or the reason why the kernels do not build
 };
 
 class Verdicts {
  public:
-  // `build` names the executable (its build id). With UBS_KERNEL_DIR the sources there are a part of it.
+  // `build` identifies the executable (its build id). With UBS_KERNEL_DIR, the kernel sources in that folder
+  // become part of this identity.
   Verdicts(const DeviceInfo& device, const std::string& build);
 
   const std::vector<Verdict>& all() const { return verdicts_; }
-  // Of the form, and of these parts at least.
+  // Returns the verdict for this form that covers at least these parts.
   std::optional<Verdict> find(const std::string& form, const Parts& parts) const;
-  // In place of what was known of the form and parts. Where nothing can be written nothing is kept.
+  // Stores a verdict and replaces older ones for the same form and parts. If the file cannot be written,
+  // nothing is stored.
   void keep(Verdict verdict);
-  void forget();  // all of this device and build
+  void forget();  // removes all verdicts for this device and build
 
  private:
   void write() const;

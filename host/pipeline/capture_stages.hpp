@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages that pass every call on and remember its arguments, so that one operation of a training step can be
-// repeated alone, on the buffers as the step left them. The arguments refer to buffers of the renderer or
-// trainer that made the call: they live as long as these, and until their buffers grow.
+// CaptureStages passes every call on to other stages and stores its arguments, so that a single operation of
+// a training step can be repeated, on the buffers as the step left them. The arguments refer to buffers of
+// the renderer or trainer that made the call. They are valid as long as that renderer or trainer exists and
+// its buffers do not grow.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +26,8 @@ class CaptureStages final : public Stages {
     return stages_->run(operation);
   }
 
-  // Of operations that were called.
+  // last() returns the arguments of the last call of an operation, and repeat() executes that call again. The
+  // operation must have been called before.
   template <typename T>
   const T& last() const {
     return std::get<T>(last_[operation_index<T>()].value());
@@ -34,7 +36,8 @@ class CaptureStages final : public Stages {
   void repeat() {
     stages_->run(last_[operation_index<T>()].value());
   }
-  // By its name in kOperationNames; null where there is none that was called.
+  // Returns the last call of the operation with this name in kOperationNames. Returns null if there is no
+  // such operation or it was not called.
   const Operation* last(std::string_view name) const {
     const auto found = std::ranges::find(kOperationNames, name);
     if (found == kOperationNames.end()) return nullptr;

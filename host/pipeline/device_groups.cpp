@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See device_groups.hpp.
 #include "host/pipeline/device_groups.hpp"
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of one or several groups on a device, each with stages for its N, ready for Renderer::forward.
+// DeviceGroups is a model on a device, as one group of splats or several groups of different dimensions. Each
+// group has stages for its N. view() can be passed to Renderer::forward.
 #pragma once
 
 #include <memory>
@@ -14,15 +15,16 @@ namespace ubs {
 
 class DeviceGroups {
  public:
-  // Of `config` the groups replace N and the form.
+  // Creates the stages of each group from `config`, with N and the variant of the group.
   DeviceGroups(Device& device, const MixedModel& model, KernelConfig config);
 
-  // Other splats in the place of these: at most as many of each N, of the same form; groups that `model`
-  // lacks become empty. Throws Error(internal) for an N that is not there.
+  // Replaces the splats. `model` may have at most as many splats of each N as the groups have room for, and
+  // must have the same variant. Groups that `model` lacks become empty. Throws Error(internal) if `model` has
+  // an N for which there is no group.
   void upload(const MixedModel& model);
 
   std::span<const RenderGroup> view() const { return view_; }
-  // For what does not depend on N: lists, rasteriser, loss.
+  // Stages for operations that do not depend on N: lists, rasteriser, loss.
   Stages& stages() const { return *stages_.front(); }
   Stages& stages(std::size_t group) const { return *stages_[group]; }
   const std::vector<DeviceModel>& groups() const { return models_; }
@@ -33,7 +35,8 @@ class DeviceGroups {
   std::vector<RenderGroup> view_;
 };
 
-// An array in the layout of the parameters for each group: gradients, moments. Zero at first.
+// GroupBuffers holds an array in the layout of the parameters for each group, such as gradients or moments.
+// The values are initially zero.
 class GroupBuffers {
  public:
   GroupBuffers(Device& device, const DeviceGroups& model, const char* label);

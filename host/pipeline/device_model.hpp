@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Raw parameters of a splat model on a device: rows of `stride` floats (kernels/layout.h).
+// DeviceModel holds the raw parameters of a splat model on a device, as rows of `stride` floats
+// (kernels/layout.h).
 #pragma once
 
 #include "host/device/stages.hpp"
@@ -7,14 +8,16 @@
 
 namespace ubs {
 
-// Floats from one row to the next in rows with room for `capacity` splats: an odd multiple of 64. Kernels
-// walk through all rows of parameters and moments at a time; rows whose distance is a multiple of 16 KiB,
-// which 300 000 splats made, would share 12 lines of a CPU's first cache.
+// Returns the distance of two rows in floats, for rows with a capacity of `capacity` splats. It is an odd
+// multiple of 64. Kernels walk through all rows of parameters and moments at the same time. If the distance
+// were a multiple of 16 KiB, as it once was with 300 000 splats, all rows would compete for the same 12 lines
+// of a CPU's L1 cache.
 std::uint32_t row_stride(std::size_t capacity);
 
 class DeviceModel {
  public:
-  // Room for `capacity` splats (at least model.count); growth within it needs no new memory.
+  // Allocates memory for `capacity` splats, and at least for those of the model. Growth within the capacity
+  // needs no new memory.
   DeviceModel(Device& device, const SplatModel& model, std::size_t capacity = 0);
 
   const ParameterLayout& layout() const { return layout_; }
@@ -27,8 +30,8 @@ class DeviceModel {
   const Buffer<float>& params() const { return params_; }
   SplatView view() const { return {params_.view(), count_, stride_}; }
   SplatModel download() const;
-  // Replaces all splats; the capacity and the form of the model stay. Throws Error(internal) when they do not
-  // fit.
+  // Replaces all splats. The capacity and the variant stay the same. Throws Error(internal) if the splats do
+  // not fit.
   void upload(const SplatModel& model);
 
  private:
@@ -37,7 +40,7 @@ class DeviceModel {
   Buffer<float> params_;
 };
 
-// A device array in the parameters' layout (gradients, moments) copied into a SplatModel.
+// Downloads a device array that has the layout of the parameters (gradients, moments) into a SplatModel.
 SplatModel download_rows(const Buffer<float>& buffer, const ParameterLayout& layout, std::uint32_t count,
                          std::uint32_t stride);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How fast a model is drawn, conditioning on the query included: each frame runs the whole pipeline from raw
-// parameters to the image.
+// measure_frame_rate() measures how fast a model is rendered. Each frame runs the whole pipeline from raw
+// parameters to the image, including the conditioning on the query.
 #pragma once
 
 #include <optional>
@@ -13,16 +13,18 @@ namespace ubs {
 
 struct FrameRate {
   double wall_fps = 0;               // from the call to the finished image on the device
-  std::optional<double> device_fps;  // by the device's own timers (kernels and copies), where it has them
+  std::optional<double> device_fps;  // from the device's own timers (kernels and copies), if it has them
   int views = 0, frames_per_view = 0;
 };
 
-// From milliseconds per frame of each view. Without timers of the device its times are 0.
+// Computes the frame rates from the milliseconds per frame of each view. If the device has no timers,
+// device_ms must contain zeros.
 FrameRate frame_rate_of(const std::vector<double>& wall_ms, const std::vector<double>& device_ms);
 
-// Of `views` views evenly spread over the renderer's cameras. Each is drawn once to warm up, then
-// frames_per_view times with the clock, each waited for, then as often with the device's own timers; a view
-// counts with its median (wall) or mean (device), the result is the median over views.
+// Measures `views` views that are spread evenly over the renderer's cameras. Each view is rendered once to
+// warm up, then frames_per_view times for the wall time, with a wait after each frame, and then as often with
+// the device's own timers. The value of a view is the median of its wall times, and the mean of its device
+// times. The result is the median over the views.
 FrameRate measure_frame_rate(Device& device, Renderer& renderer, std::span<const RenderGroup> groups,
                              const RenderSettings& settings, int views, int frames_per_view);
 

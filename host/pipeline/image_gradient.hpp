@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a gradient with respect to the pixels of the view drawn last, colours, alpha and depth, to that of the
-// parameters.
+// backward_from_image() converts a gradient with respect to the pixels of the last rendered view (colour,
+// alpha and depth) into the gradient with respect to the parameters.
 #pragma once
 
 #include <span>
@@ -9,28 +9,32 @@
 
 namespace ubs {
 
-struct ImageGradient {           // empty: zeros
+struct ImageGradient {           // empty members count as zeros
   std::span<const float> rgb;    // (height, width, 3)
   std::span<const float> alpha;  // (height, width)
   std::span<const float> depth;  // (height, width); needs KernelConfig::depth and depth_grad
-  bool rgb_on_device = false;    // what Renderer::v_image() holds, in place of rgb; alpha is empty then
+  // Use the contents of Renderer::v_image() instead of `rgb`; `alpha` must be empty.
+  bool rgb_on_device = false;
 };
 
-// After a forward pass for backward; the drawn image is changed, with depth the colours of the projected
-// splats too. v_params, one a group, may be empty: as far as Renderer::backward_to_records() then.
+// Must be called after a forward pass with for_backward. Changes the rendered image, and with `depth` also
+// the colours of the projected splats. v_params has one buffer per group. If it is empty, the calculation
+// ends at the gradient of the records, like Renderer::backward_to_records().
 //
-// Back ends know a gradient of the colours alone. They walk through the splats of a pixel from the front and
-// read what still comes behind from the image: v . (image - what has been passed), which ends with v .
-// background times what is left of the light, T. With alpha = 1 - T the number v_rgb . image + v_alpha *
-// alpha is one in which the last term is v_rgb . background - v_alpha: the gradient of a pixel in front of
-// another background. So one channel of the image is changed by -v_alpha T / v before the walk. Where all of
-// v_rgb is 0, or hardly more, one channel is set to 2^-30 of v_alpha: colours then get gradients of up to
-// 1e-9 of v_alpha where they have none, far below the rounding of the rest.
+// Alpha: back ends only support a gradient with respect to colours. They walk through the splats of a pixel
+// from front to back. At each splat they read the contribution of everything behind it from the image, as
+// v_rgb . (image - what has been composited so far). After the last splat, T (v_rgb . background) remains,
+// where T is the transmittance. We need the gradient of v_rgb . image + v_alpha * alpha. Because
+// alpha is 1 - T, v_alpha adds a constant and changes this remainder by -v_alpha T, as a different background
+// would. Before the walk, we therefore change one channel of the image by -v_alpha T / v, where v is the
+// component of v_rgb in this channel. If all components of v_rgb are 0 or nearly 0, one of them is set to
+// 2^-30 of v_alpha. Colours then get gradients of up to 1e-9 of v_alpha that should be 0, which is far below
+// the rounding of the other gradients.
 //
-// Depth has a pass of its own, in which z - z0 takes the place of red. Of D = sum w z / W with W = sum w =
-// alpha the gradient is that of sum w (z - D) / W, with D and W held: that of an image of value D - z0 in
-// front of the background D - z0, with v_D / W. z0, the mean depth, keeps the differences exact in scenes
-// that are far away.
+// Depth: it has a pass of its own, in which z - z0 replaces the red channel. The depth of a pixel is D = sum
+// w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D and W are held
+// constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in front of the
+// background D - z0. z0 is the mean depth. It keeps the differences exact in scenes that are far away.
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
                          std::span<const BufferView<float>> v_params);
 

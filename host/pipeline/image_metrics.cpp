@@ -50,7 +50,7 @@ void ImageMetrics::check_size(PlanarSize size) const {
 std::optional<double> ImageMetrics::valid_ssim(const DeviceImage& a, const DeviceImage& b) {
   const PlanarSize size = a.size;
   if (size.width < kSsimWindow || size.height < kSsimWindow) return std::nullopt;
-  constexpr std::size_t kMostOffset = std::numeric_limits<int>::max();  // of the kernels
+  constexpr std::size_t kMostOffset = std::numeric_limits<int>::max();  // kernels use int offsets
   if (valid_ssim_scratch(size) > kMostOffset)
     fail(ErrorKind::data, "images of {} x {} pixels are too large to compare", size.width, size.height);
   if (a_.size() < size.floats(3)) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image metrics beyond those of the loss (PSNR, zero-padded SSIM: Stages::image_loss): SSIM over the
-// windows inside of the image, and LPIPS with the networks that are asked for.
+// ImageMetrics computes the image metrics that Stages::image_loss does not provide (it has PSNR and
+// zero-padded SSIM): SSIM over the windows inside the image, and LPIPS with the requested networks.
 #pragma once
 
 #include <filesystem>
@@ -15,35 +15,37 @@ namespace ubs {
 
 struct LpipsRequest {
   std::vector<std::string> networks;  // alex, squeeze, vgg; empty: no LPIPS
-  // A safetensors file, or a folder with lpips_alex.safetensors, lpips_squeeze.safetensors,
+  // A safetensors file, or a folder that contains lpips_alex.safetensors, lpips_squeeze.safetensors and
   // lpips_vgg.safetensors.
   std::filesystem::path weights;
   std::vector<LpipsRange> ranges{LpipsRange::signed_one, LpipsRange::unit};
 };
 
-// Of one network. Throws Error(data) naming it when a folder does not have it.
+// Returns the weight file of a network. Throws Error(data) with its name if the folder does not contain it.
 std::filesystem::path lpips_weight_file(const std::filesystem::path& weights, const std::string& network);
 
 struct NamedValue {
   std::string name;
   double value = 0;
 };
-// "lpips_vgg" for images fed as 2 v - 1, "lpips_vgg_unit" for images fed in [0, 1].
+// Returns the name of a metric: for example, "lpips_vgg" if the network gets images as 2 v - 1, and
+// "lpips_vgg_unit" if it gets them in [0, 1].
 std::string lpips_name(std::string_view network, LpipsRange range);
 
 class ImageMetrics {
  public:
-  // Reads the weights; throws Error(data) for files that are missing or do not fit.
+  // Reads the weights. Throws Error(data) if files are missing or do not match the networks.
   ImageMetrics(Device& device, const LpipsRequest& request);
 
-  // Throws Error(data) where a network cannot take images of this size, Error(memory) where the device
-  // cannot.
+  // Throws Error(data) if a network cannot process images of this size, and Error(memory) if the device has
+  // not enough memory for them.
   void check_size(PlanarSize size) const;
-  // Mean over the (width - 10)(height - 10) windows and three channels; nothing for smaller images. Waits.
+  // Waits for the device and returns the mean over the (width - 10)(height - 10) windows and three channels,
+  // or nothing if the image is smaller than a window.
   std::optional<double> valid_ssim(const DeviceImage& a, const DeviceImage& b);
-  // Of every network and range asked for, in that order. Waits.
+  // Waits for the device and returns the distance for every requested network and range, in this order.
   std::vector<NamedValue> lpips(const DeviceImage& a, const DeviceImage& b);
-  // Device memory of the networks for images of this size, their weights included.
+  // Returns the device memory of the networks for images of this size, including their weights.
   std::uint64_t lpips_bytes(PlanarSize size) const;
 
  private:
@@ -51,7 +53,7 @@ class ImageMetrics {
   std::vector<LpipsRange> ranges_;
   std::unique_ptr<MetricOps> ops_;
   std::vector<std::unique_ptr<Lpips>> networks_;
-  Buffer<float> a_, b_, scratch_, sums_;  // of valid_ssim
+  Buffer<float> a_, b_, scratch_, sums_;  // used by valid_ssim()
 };
 
 }  // namespace ubs

@@ -17,7 +17,7 @@ std::string shape_text(const Tensor& tensor) { return fmt::format("({})", fmt::j
 
 void grow(Device& device, Buffer<float>& buffer, const char* label, std::size_t floats) {
   if (buffer && buffer.size() >= floats) return;
-  buffer = {};  // before the larger one is made
+  buffer = {};  // release the old buffer before the larger one is allocated
   buffer = Buffer<float>(device, label, floats);
 }
 
@@ -83,7 +83,7 @@ void Lpips::check_size(PlanarSize size) const {
          network_->name, least, least, size.width, size.height);
 }
 
-// A convolution of single pixels is a product already.
+// Returns whether a convolution is a matrix product already, because its window is a single pixel.
 bool Lpips::is_product(const Convolution& convolution) const {
   return convolution.layer.window == 1 && convolution.layer.stride == 1;
 }
@@ -95,7 +95,8 @@ int Lpips::columns_at_once(const Convolution& convolution, const PlanarSize& out
   return static_cast<int>(std::min(columns, out.plane()));
 }
 
-// Of the whole layer when it needs no matrix, else of the first columns of the matrix.
+// Returns the product for the whole layer if it needs no matrix, and otherwise for the first columns of the
+// matrix.
 MatrixProduct Lpips::product(const Convolution& convolution, const PlanarSize& out) const {
   MatrixProduct p;
   p.rows = convolution.out;
@@ -113,7 +114,7 @@ void Lpips::add_need(const Convolution& convolution, const PlanarSize& size, Nee
   if (!is_product(convolution))
     need.matrix =
         std::max(need.matrix, static_cast<std::size_t>(p.inner) * static_cast<std::size_t>(p.columns));
-  // The first columns, those behind them, and what is left for the last product.
+  // Consider the first columns, the following ones, and the remaining ones of the last product.
   const int left = static_cast<int>(out.plane()) % p.columns;
   for (const std::size_t offset : {0, 16})
     for (const int columns : {p.columns, left > 0 ? left : p.columns}) {
@@ -125,7 +126,7 @@ void Lpips::add_need(const Convolution& convolution, const PlanarSize& size, Nee
 
 Lpips::Need Lpips::need(PlanarSize size) const {
   Need need;
-  std::size_t side = 0;  // of features_ that holds the current layer
+  std::size_t side = 0;  // index in features_ of the current layer
   need.features[side] = size.floats(3);
   for (const Stage& stage : stages_) {
     for (const Convolution& convolution : stage.convolutions) add_need(convolution, size, need);
@@ -251,7 +252,7 @@ double Lpips::distance(const DeviceImage& a, const DeviceImage& b, LpipsRange ra
   int channels = 3;
   load_image(a, range, features_[0][side].view());
   load_image(b, range, features_[1][side].view());
-  std::vector<double> pixels;  // of each tap
+  std::vector<double> pixels;  // number of pixels at each tap
   for (const Stage& stage : stages_) {
     if (stage.layer.kind == LayerKind::tap) {
       ops_.lpips_distance({.a = features_[0][side].view(),

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// LPIPS (version 0.1) of two images on a device: convolutions as matrix products, layer by layer for both
-// images, so that only two layers' features of each are held. The matrices are made for as many output
-// pixels at a time as the back end asks for, which bounds memory at any image size.
+// Lpips computes the LPIPS distance (version 0.1) of two images on a device. Convolutions are computed as
+// matrix products. Both images go through the network layer by layer, so that only the features of two layers
+// are stored for each. The matrices contain as many output pixels at a time as the back end requests, which
+// limits the memory for images of any size.
 #pragma once
 
 #include <array>
@@ -12,8 +13,9 @@
 
 namespace ubs {
 
-// What the network is fed: 2 v - 1, as LPIPS is defined, or v itself, as the published evaluation of splats
-// does (method.md 4.7). The distances differ; compare like with like.
+// The range of the images that the network gets: 2 v - 1, as LPIPS is defined, or v itself, as in the
+// published evaluation of splats (method.md 4.7). The distances differ, so only distances of the same range
+// can be compared.
 enum class LpipsRange { signed_one, unit };
 
 struct LpipsMemory {  // bytes
@@ -23,16 +25,16 @@ struct LpipsMemory {  // bytes
 
 class Lpips {
  public:
-  // Uploads the weights; throws Error(data) naming file and tensor when they do not form this network.
+  // Uploads the weights. Throws Error(data) with the file and the tensor if they do not match this network.
   Lpips(Device& device, MetricOps& ops, const Network& network, const TensorFile& weights);
 
   const Network& network() const { return *network_; }
-  // Throws Error(data) when an image is smaller than the network can take, or not the size of the other one;
-  // Error(numerical) when the distance is not finite. Waits.
+  // Waits for the device and returns the distance. Throws Error(data) if an image is too small for the
+  // network or the sizes differ, and Error(numerical) if the distance is not finite.
   double distance(const DeviceImage& a, const DeviceImage& b, LpipsRange range);
-  // Throws as distance() does.
+  // Throws Error(data) if images of this size are too small for the network.
   void check_size(PlanarSize size) const;
-  // Device memory once images of this size have been compared (and no larger ones).
+  // Returns the device memory after images of this size, and no larger ones, have been compared.
   LpipsMemory memory(PlanarSize size) const;
 
  private:
@@ -41,13 +43,14 @@ class Lpips {
     int out = 0, in = 0;
     Buffer<float> weight, bias;
   };
-  struct Stage {  // of the network with its weights
+  struct Stage {  // a layer of the network with its weights
     Layer layer;
-    std::vector<Convolution> convolutions;  // one; fire: squeeze, expand1x1, expand3x3; else none
-    Buffer<float> head;                     // tap
-    int channels = 0;                       // after it
+    // convolution: one; fire: squeeze, expand1x1, expand3x3; others: none.
+    std::vector<Convolution> convolutions;
+    Buffer<float> head;  // weights of a tap
+    int channels = 0;    // number of channels after this layer
   };
-  // Floats of the buffers for images of a size.
+  // Sizes of the buffers in floats, for images of a given size.
   struct Need {
     std::array<std::size_t, 2> features{0, 0};
     std::size_t squeezed = 0, matrix = 0, product_bytes = 0, plane = 0;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See masked_metrics.hpp.
 #include "host/pipeline/masked_metrics.hpp"
 
 #include <array>
@@ -35,9 +34,10 @@ double ssim_of(const Sums& s) {
          ((s[0] * s[0] + s[1] * s[1] + 1e-4) * (variances + 9e-4));
 }
 
-// By the window's first pixel: whether nothing in it is masked.
+// Returns for each window, indexed by its first pixel, whether it contains no masked pixel.
 std::vector<bool> whole_windows(std::span<const std::uint8_t> mask, std::size_t width, std::size_t height) {
-  std::vector<std::size_t> masked((width + 1) * (height + 1));  // masked pixels above and left of a corner
+  // Number of masked pixels above and to the left of each pixel corner.
+  std::vector<std::size_t> masked((width + 1) * (height + 1));
   for (std::size_t y = 0; y < height; ++y)
     for (std::size_t x = 0; x < width; ++x)
       masked[(y + 1) * (width + 1) + x + 1] = masked[y * (width + 1) + x + 1] +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image metrics of views with masks that no kernel has: masks are rare in evaluation, and a host loop
-// costs less than a second form of every kernel.
+// masked_valid_ssim() and fill_masked() are the parts of the image metrics for views with masks. They run on
+// the host: masks are rare in evaluation, and a host loop is simpler than a second version of every kernel.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +12,13 @@
 
 namespace ubs {
 
-// SSIM over the 11 x 11 windows that lie in the image and hold no pixel whose mask is 0, mean over them and
-// three channels; nothing where there is none. a, b: (3, height, width); mask: (height, width).
+// Returns the mean SSIM over the three channels and over all 11 x 11 windows that are inside the image and
+// contain no pixel with mask 0. Returns nothing if there is no such window. a, b: (3, height, width); mask:
+// (height, width).
 std::optional<double> masked_valid_ssim(std::span<const float> a, std::span<const float> b,
                                         std::span<const std::uint8_t> mask, PlanarSize size);
 
-// `image` with the pixels of `other` where the mask is 0: what a network sees of it then is no difference.
+// Returns `image` with the pixels of `other` where the mask is 0, so that a network sees no difference there.
 std::vector<float> fill_masked(std::span<const float> image, std::span<const float> other,
                                std::span<const std::uint8_t> mask);
 

@@ -19,7 +19,7 @@ namespace {
 namespace sizes = stage_sizes;
 
 constexpr double kWord = 4;
-constexpr std::uint64_t kLossTile = 48;  // the narrowest, which needs most sums
+constexpr std::uint64_t kLossTile = 48;  // width of the narrowest tile, which needs the most sums
 
 std::uint64_t divide_up(std::uint64_t value, std::uint64_t by) { return (value + by - 1) / by; }
 
@@ -66,7 +66,9 @@ class Planner {
     per_splat("projected splats", kWord * int{kSplatStride});
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
-    // On CPUs keys with splats, and splats; another pass, and again the first, from kManySplats on.
+    // With few splats, CPUs sort in two passes. The first writes keys with splats and the second writes
+    // splats (3 words). From kManySplats on, and on GPUs, more passes alternate between two buffers of keys
+    // with splats (5 words).
     const bool two_passes = q_.raster == RasterKind::cpu && few();
     per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : 5));
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
@@ -109,7 +111,8 @@ class Planner {
       per_intersection("tile sort: tiles twice, splats, slots", kWord * (q_.training ? 4 : 3));
   }
 
-  // Three maps of the SSIM, with a margin, of one channel at a time for large images on CPUs, else of all.
+  // Three maps of the SSIM with a margin. On CPUs with large images they are for one channel at a time,
+  // otherwise for all channels.
   void loss() {
     const auto pitch = static_cast<std::uint64_t>(shape_.pitch()),
                rows = static_cast<std::uint64_t>(shape_.rows());
@@ -129,7 +132,8 @@ class Planner {
     fixed("learning rates", static_cast<std::uint64_t>(ParameterLayout(q_.dim, q_.variant).count));
   }
 
-  // Histograms; the sums of prefix scans are thousands of times smaller than their inputs and left out.
+  // Histograms. The sums of prefix scans are not counted, because they are thousands of times smaller than
+  // their inputs.
   void sorting() {
     const auto tiles = static_cast<std::uint64_t>(std::max(1, shape_.tiles()));
     if (q_.raster == RasterKind::gpu) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Device memory of training and of rendering, counted from the buffers that the pipeline and the OpenCL
-// stages allocate: what a splat, a pixel and a (tile, splat) intersection cost, and the total of a run before
-// it starts. tests/bench/bench_device_test.cpp holds it against what is really allocated.
+// plan_memory() computes the device memory of a training or of rendering before it starts, from the sizes of
+// the buffers that the pipeline and the OpenCL stages allocate: the bytes per splat, per pixel and per (tile,
+// splat) intersection, and the total. tests/bench/bench_device_test.cpp compares the result with the memory
+// that is actually allocated.
 #pragma once
 
 #include <cstdint>
@@ -18,14 +19,14 @@ struct MemoryQuestion {
     std::size_t splats = 0;
   };
   int dim = 6;
-  ModelVariant variant = {};        // fixes with `dim` the parameter rows
-  std::vector<Group> groups = {};   // of a model that is drawn, in place of `dim`; they add up to `splats`
-  int trained_rows = -1;            // rows of gradients and moments; -1: those of all parameters
-  std::size_t splats = 0;           // training: the most there will be
-  int width = 0, height = 0;        // of the largest view
-  std::uint64_t intersections = 0;  // (tile, splat) pairs of the view with most of them
-  std::size_t views = 0;            // cameras on the device
-  std::uint64_t target_bytes = 0;   // ground-truth images kept on the device, 3 bytes a pixel, 4 with a mask
+  ModelVariant variant = {};       // determines the parameter rows together with `dim`
+  std::vector<Group> groups = {};  // for rendering a model, instead of `dim`; their splats add up to `splats`
+  int trained_rows = -1;           // rows of gradients and moments; -1: those of all parameters
+  std::size_t splats = 0;          // for training: the maximum during the run
+  int width = 0, height = 0;       // size of the largest view
+  std::uint64_t intersections = 0;  // (tile, splat) pairs: maximum over the views
+  std::size_t views = 0;            // number of cameras on the device
+  std::uint64_t target_bytes = 0;   // ground-truth images on the device, 3 bytes per pixel, or 4 with a mask
   std::size_t loss_rows = 0;        // views between two readings of the loss (batch * log_every)
   bool learns_sky = false;          // TrainSettings::background
   std::size_t appearances = 0;      // training images whose exposure and white balance are learnt
@@ -33,36 +34,37 @@ struct MemoryQuestion {
   bool refinement = true;           // training with relocation and growth
   bool depth = false;
   RasterKind raster = RasterKind::cpu;
-  bool sorts_by_copying = false;  // of DeviceInfo
-  unsigned compute_units = 1;     // of the device: bounds the chunks of sorting on CPUs
+  bool sorts_by_copying = false;  // as in DeviceInfo
+  unsigned compute_units = 1;     // of the device; limits the number of chunks in sorting on CPUs
 };
 
 enum class MemoryUnit { splat, pixel, intersection, view, fixed };
 std::string_view to_string(MemoryUnit unit);
 
 struct MemoryItem {
-  std::string label;  // of the buffer, or what the scratch is for
+  std::string label;  // label of the buffer, or the purpose of the scratch memory
   MemoryUnit unit;
-  double each = 0;  // bytes a unit; splats and pixels padded as they are allocated are not counted here
+  double each = 0;  // bytes per unit, without the padding of splats and pixels
   std::uint64_t bytes = 0;
-  bool splits = false;  // into several allocations, where one is too small
+  bool splits = false;  // can be divided into several allocations if one is too small
 };
 
 struct MemoryPlan {
   std::vector<MemoryItem> items;
   std::uint64_t total() const;
-  const MemoryItem& largest()
-      const;  // of the items that must fit into one allocation: not images, nor what splits
-  double each(MemoryUnit unit) const;  // bytes a splat, pixel, ...
+  // Returns the largest of the items that must fit into one allocation. Images and items that can be divided
+  // are not considered.
+  const MemoryItem& largest() const;
+  double each(MemoryUnit unit) const;  // bytes per splat, pixel, ...
 };
 
 MemoryPlan plan_memory(const MemoryQuestion& question);
 
-// "predicted 61.2 MiB (744 B a splat, 68 B a pixel, 74 B an intersection)".
+// Returns a text such as "predicted 61.2 MiB (744 B a splat, 68 B a pixel, 74 B an intersection)".
 std::string summary(const MemoryPlan& plan);
 
-// Returns why a training or rendering with this plan does not fit the device, with the numbers: its largest
-// item, its gradient slots, or its sum exceeds a limit. Returns an empty text if it fits.
+// Returns the reason, with numbers, why a training or rendering with this plan does not fit on the device:
+// its largest item, its gradient slots or its total exceeds a limit. Returns an empty text if it fits.
 std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device);
 // Throws Error(memory) with the text of memory_shortage() unless the plan fits the device.
 void check_fits(const MemoryPlan& plan, const DeviceInfo& device);

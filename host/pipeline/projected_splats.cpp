@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Renderer's parts of views that several processes make together.
+// This file contains the methods of Renderer for views that several processes render together.
 #include <algorithm>
 #include <array>
 
@@ -30,8 +30,8 @@ Buffer<float>& Renderer::drawn_records(std::uint32_t drawn, bool for_backward) {
   return records_;
 }
 
-// Splats that are not drawn have no tiles, so that lists, slots and sums are those of all splats in the same
-// order. A view without any splat gets one that is not drawn.
+// Splats that are not visible have no tiles. So the lists, slots and sums are the same as those of all
+// splats, in the same order. A view without any splat gets one splat that is not visible.
 ListTotals Renderer::forward_projected(std::uint32_t drawn, std::uint32_t camera,
                                        const RenderSettings& settings, bool for_backward) {
   choose({}, camera, settings, for_backward);

@@ -15,7 +15,8 @@
 namespace ubs {
 namespace {
 
-// Partial sums of the camera's gradient: enough to keep a large card busy, half a megabyte.
+// Number of partial sums of the camera gradient. They are enough to keep a large card busy and take half a
+// megabyte.
 constexpr std::uint32_t kCameraLanes = 8192;
 constexpr std::size_t kMaxTilesAcross = 65535;  // a tile coordinate is packed into 16 bits
 
@@ -45,7 +46,8 @@ FourFloats load_four(const float* from) {
   return four;
 }
 
-// Past the caches, for a store into them reads the line that it replaces. `to`: a multiple of 16 bytes.
+// Stores past the caches, because a cached store would first read the line that it replaces. `to` must be a
+// multiple of 16 bytes.
 void store_four(const FourFloats& four, float* to) {
 #ifdef __SSE2__
   _mm_stream_ps(to, four);
@@ -54,7 +56,7 @@ void store_four(const FourFloats& four, float* to) {
 #endif
 }
 
-// Spelled out because GCC makes of the plain loop one that takes 2.5 times as long.
+// Written with shuffles, because GCC compiles the plain loop to code that is 2.5 times slower.
 void interleave_four(const float* from, std::size_t plane, float* to) {
   const FourFloats r = load_four(from), g = load_four(from + plane), b = load_four(from + 2 * plane);
   const FourFloats r0g0 = __builtin_shufflevector(r, g, 0, 4, 1, 5),
@@ -68,7 +70,8 @@ void interleave_four(const float* from, std::size_t plane, float* to) {
   store_four(__builtin_shufflevector(b2r3, g3b3, 0, 2, 6, 7), to + 8);
 }
 
-// Three planes as RGB. Whole lines of the cache at a time, as far as `to` allows.
+// Converts a row of three planes to interleaved RGB. It writes whole cache lines at a time if the alignment
+// of `to` allows this.
 void interleave_row(const float* from, std::size_t plane, std::size_t width, float* to) {
   const auto one = [&](std::size_t x) {
     for (std::size_t c = 0; c < 3; ++c) to[3 * x + c] = from[c * plane + x];
@@ -185,7 +188,8 @@ ListTotals Renderer::forward(const SplatView& splats, std::uint32_t camera, cons
   return forward(std::span(&group, 1), camera, settings, for_backward);
 }
 
-// A group's rows follow those of the one before, whose lanes beyond its count they overwrite.
+// The rows of a group follow those of the previous group. They overwrite the unused lanes after the last
+// splat of the previous group.
 void Renderer::project(bool for_backward) {
   std::size_t rows = 0;
   count_ = 0;
@@ -274,7 +278,8 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
 
 ListTotals Renderer::forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward) {
-  // A GPU would run dry while the host reads the totals: it reads them when all of the view has been given.
+  // A GPU would be idle while the host reads the totals. So the host reads them after it has enqueued all
+  // operations of the view.
   if (!for_backward && device_.info().type != DeviceType::cpu && list_room(false) > 0) {
     UncountedView view = forward_uncounted(groups, camera, settings, false);
     if (view.had_room()) return totals_ = view.totals();
@@ -459,7 +464,7 @@ void Renderer::download(const PictureRoom& to, std::vector<std::byte>& staging) 
       for (std::size_t y = 0; y < height; ++y)
         interleave_row(from + y * pitch, plane, width, to.rgb.data() + 3 * y * width);
 #ifdef __SSE2__
-      _mm_sfence();  // before others are told
+      _mm_sfence();  // makes the stores visible before other threads are notified
 #endif
     });
   const auto crop = [&](const Buffer<float>& buffer, std::span<float> out, const auto& value) {

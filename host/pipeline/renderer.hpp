@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The order of the stages for one view, forward and backward, and the buffers between them.
-// Knows only the stage interface; buffers grow to what the views need and stay.
+// Renderer runs the stages for one view in order, forward and backward, and owns the buffers between them. It
+// only uses the interface of the stages. Its buffers grow to the size that the views need and are reused.
 #pragma once
 
 #include <array>
@@ -22,12 +22,12 @@ namespace ubs {
 struct RenderSettings {
   ProjectionSettings projection;
   std::array<float, 3> background{0, 0, 0};
-  std::optional<std::array<float, kSkyNumbers>> sky =
-      {};  // in its place, as in Background: colour, harmonics
+  // The sky, which replaces `background`. Its numbers are those of Background: colour, harmonics.
+  std::optional<std::array<float, kSkyNumbers>> sky = {};
 };
 
-// Splats of one dimension and form, with stages that are specialised for them. Of those the projection is
-// used alone; lists and images are the renderer's.
+// Splats of one dimension and variant, with stages that are specialised for them. Only the projection of
+// these stages is used; lists and images use the stages of the renderer.
 struct RenderGroup {
   Stages* stages = nullptr;
   SplatView splats;
@@ -41,109 +41,124 @@ struct RenderedView {
   std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
-// Planes (3, height, width) as buffers have them, (3, rows, pitch) with zeros beyond the image; and back.
+// These functions convert planes (3, height, width) into the layout of the buffers, (3, rows, pitch) with
+// zeros beyond the image, and back.
 std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape);
 std::vector<float> cropped_planes(std::span<const float> padded, const ImageShape& shape);
 
-// Where to put one: as in RenderedView; what is empty is not wanted.
+// Memory for a downloaded view, with the layout of RenderedView. Empty members are not downloaded.
 struct PictureRoom {
   std::span<float> rgb, alpha, depth;
 };
 
-// Splats of a view that are drawn, for a process that draws what others project (stages.hpp, PickDrawn).
+// The visible splats of a view, in a process whose splats are projected for a view that another process
+// renders (PickDrawn in stages.hpp).
 struct DrawnSplats {
   Buffer<std::uint32_t> places;
-  Buffer<float> rows;  // records of those drawn, one behind the other; later their gradients
+  Buffer<float> rows;  // compact rows: the records of the visible splats, and later their gradients
 };
 
-// A view that was drawn for backward before the host knew how long its lists are.
+// A view that was rendered before the host knew the length of its lists.
 class UncountedView {
  public:
   explicit UncountedView(const ListTotals& known) : totals_(known) {}
   UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read)
       : room_(room), read_(std::move(read)) {}
 
-  // Waits until the view is counted, not until it is drawn.
+  // Waits until the intersections are counted, but not until the view is rendered.
   const ListTotals& totals();
-  // Where its lists had no room it was drawn as one without splats: image and gradient are not those of the
-  // view.
+  // Returns whether the lists fitted. If not, the view was rendered as if it had no splats, so image and
+  // gradient are not those of the view.
   bool had_room() { return totals().intersections <= room_; }
 
  private:
   ListTotals totals_;
   std::uint64_t room_ = ~std::uint64_t{0};
-  std::unique_ptr<PendingRead> read_;  // until it has been waited for
+  std::unique_ptr<PendingRead> read_;  // null after the wait
 };
 
 class Renderer {
  public:
-  // A SplatView given later must have the N of the stages; groups have their own.
+  // Each SplatView that is passed later must have the N of these stages. Groups have stages of their own.
   Renderer(Device& device, Stages& stages);
 
   // Uploads the cameras that forward() and backward() refer to by index.
   void set_cameras(const std::vector<Camera>& cameras);
 
-  // Renders one view into image(). for_backward keeps what backward() needs. Waits until the view is counted;
-  // for drawing alone GPUs are given all of the view before (twice, where its lists had no room).
+  // Renders one view into image(). With for_backward it keeps the data that backward() needs. Waits until the
+  // intersections are counted. Without for_backward, a GPU gets all operations of the view before this wait;
+  // if the lists do not fit, the view is then rendered a second time.
   ListTotals forward(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      bool for_backward);
-  // The same with several groups: splats are numbered through in their order, which also decides between
-  // equal depths.
+  // This overload renders several groups. Splats are numbered consecutively in the order of the groups. This
+  // number also decides the order at equal depths.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                      const RenderSettings& settings, bool for_backward);
-  // For backward, without waiting for the size of the lists: they get the room that buffers have. Only where
-  // there is none yet it waits after all. Nothing may be made of image and gradient before
-  // UncountedView::had_room() has been asked; forward() makes room.
+  // Renders for backward without waiting for the size of the lists. The lists can have the size for which
+  // buffers are allocated; only if none are allocated yet, the call waits. Image and gradient must not be
+  // used before UncountedView::had_room() has returned true. If it returns false, forward() enlarges the
+  // buffers.
   UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                   const RenderSettings& settings);
-  // Gradient of the view rendered last, from v_image() into v_params (layout of the parameters), one a group.
+  // Computes the gradient of the last rendered view, from v_image() into v_params, which has the layout of
+  // the parameters and one buffer per group.
   void backward(BufferView<float> v_params, bool accumulate);
   void backward(std::span<const BufferView<float>> v_params, bool accumulate);
-  // The same in two halves, before and after the gradient of the projected splats.
+  // The two halves of backward(): the first one computes the gradient of the projected splats, and the second
+  // one continues from there.
   void backward_to_records();
   void backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate);
-  // Parts of a view of which one process projects splats and another one draws them (shared_renderer.hpp).
-  // For the one that projects: forward as far as the records of those drawn, whose number it returns (waits),
-  // and from their gradient in the same rows on, before the second half of backward() or learn().
+  // Parts of a view for which one process projects splats and another process renders them
+  // (shared_renderer.hpp).
+  // In the process that projects, project_only() computes the records of the visible splats, waits, and
+  // returns their number. take_gradient() later reads the gradients from the same rows; the second half of
+  // backward(), or learn(), must follow.
   std::uint32_t project_only(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                              DrawnSplats& drawn);
   void take_gradient(const SplatView& splats, std::uint32_t camera, const RenderSettings& settings,
                      const DrawnSplats& drawn);
-  // For the one that draws: from `drawn` records on that have been put into drawn_records(), to be followed
-  // by the first half of backward(). `rows` then changes places with v_records().
+  // In the process that renders, the caller stores `drawn` records in drawn_records() and calls
+  // forward_projected(), and then the first half of backward(). take_v_records() swaps `rows` with the buffer
+  // of v_records().
   Buffer<float>& drawn_records(std::uint32_t drawn, bool for_backward);
   ListTotals forward_projected(std::uint32_t drawn, std::uint32_t camera, const RenderSettings& settings,
                                bool for_backward);
   void take_v_records(Buffer<float>& rows) { std::swap(rows, v_records_); }
-  // With respect to the camera, after the first half. Waits. The stages must not have anything frozen. Throws
-  // Error(usage) before a sky whose colour depends on the direction: that part is missing.
+  // Waits for the device and returns the gradient with respect to the camera. Must be called after the first
+  // half of backward(). The stages must not have frozen parameters. Throws Error(usage) if the background is
+  // a sky whose colour depends on the direction, because that part of the gradient is not implemented.
   CameraGradient camera_gradient();
-  // For splats of one group the second half with the step that uses the gradient (Stages::learn). With
-  // `accumulate` the step's v_params hold the gradient of its earlier views.
+  // Runs the second half of backward() together with the optimiser step that uses the gradient
+  // (Stages::learn). There must be one group. With `accumulate`, the v_params of `step` hold the gradient of
+  // the earlier views of the step.
   void learn(bool accumulate, const Regularise& penalty, const AdamStep& step);
 
   ImageShape shape() const { return shape_; }
   BufferView<float> image() const { return image_.view(); }                  // (3, rows, pitch)
   BufferView<float> transmittance() const { return transmittance_.view(); }  // (rows, pitch)
-  BufferView<float> depth() const { return depth_.view(); }      // empty unless KernelConfig::depth
-  BufferView<float> v_image() const { return v_image_.view(); }  // to be filled between forward and backward
-  // Of the sky that the settings of the last view had, where it may be learnt on: it stays until settings
-  // have another one. Empty without a sky.
+  BufferView<float> depth() const { return depth_.view(); }  // empty unless KernelConfig::depth
+  // The caller fills it between forward and backward.
+  BufferView<float> v_image() const { return v_image_.view(); }
+  // Returns the state of the sky that the settings of the last view had. Training may change it on the
+  // device. It stays until settings with a different sky are used. The view is empty if there is no sky.
   BufferView<float> sky() const { return sky_.view(); }  // (kSkyState)
-  // The same for settings that have `sky`: its state, or none, where learning begins.
+  // Uploads the state that belongs to settings with `sky`. If `state` is empty, the state is that at the
+  // start of training.
   void set_sky(const std::array<float, kSkyNumbers>& sky, std::span<const float> state = {});
-  void sky_gradient(BufferView<float> gradient,
-                    std::uint32_t offset);  // of the view rendered last, from v_image()
-  // The same before forward(), for a view of this size: zeros, which forward() leaves alone.
+  // Computes the gradient of the sky for the last rendered view, from v_image().
+  void sky_gradient(BufferView<float> gradient, std::uint32_t offset);
+  // Returns v_image() for a view of this size before forward() is called. It is filled with zeros, and
+  // forward() does not change it.
   BufferView<float> v_image(const ImageShape& shape);
-  // Gradient of the projected splats (splats of all groups, kGradStride), after the first half of
-  // backward.
+  // Returns the gradient of the projected splats (splats of all groups, kGradStride), after the first half of
+  // backward().
   BufferView<float> v_records() const {
     return {v_records_.view().memory, static_cast<std::size_t>(count_) * kGradStride};
   }
-  // What the view rendered last was made of, until the next one.
+  // Returns the inputs and outputs of the rasteriser for the last rendered view. They are valid until the
+  // next view.
   RasterForward last_lists() const;
-  // Draws them once more, with what has been written into the records, in front of black.
+  // Rasterises the same lists again with the present contents of the records, in front of black.
   void draw_again() {
     RasterForward again = last_lists();
     again.background = {0, 0, 0};
@@ -152,9 +167,10 @@ class Renderer {
   BufferView<std::uint32_t> tile_counts() const { return tile_counts_.view(); }
   BufferView<std::uint32_t> slot_offsets() const { return slot_offsets_.view(); }
   RenderedView download() const;
-  // `staging`: memory that is kept between pictures.
+  // `staging` is temporary memory. Pass the same vector for every image to reuse it.
   void download(const PictureRoom& to, std::vector<std::byte>& staging) const;
-  // (tile, splat) pairs that there is room for: the most of any view so far, with the buffers' headroom.
+  // Returns the capacity of the lists in (tile, splat) pairs: the maximum of all views so far, plus the
+  // headroom of the buffers.
   std::uint64_t intersection_capacity() const { return sorted_ids_.size(); }
   std::uint64_t intersections() const { return totals_.intersections; }  // of the last forward()
   std::uint32_t camera_count() const { return static_cast<std::uint32_t>(cameras_.size()); }
@@ -175,7 +191,8 @@ class Renderer {
   bool divides_lists() const {
     return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
   }
-  std::uint64_t list_room(bool for_backward) const;  // intersections that all buffers have room for
+  // Number of intersections for which all buffers are large enough.
+  std::uint64_t list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
   UncountedView forward_uncounted(std::span<const RenderGroup> groups, std::uint32_t camera,
@@ -194,11 +211,11 @@ class Renderer {
   Buffer<float> list_states_;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
-  Buffer<float> v_camera_;  // with the first camera_gradient()
-  Buffer<float> sky_;       // with the first sky
+  Buffer<float> v_camera_;  // allocated by the first camera_gradient()
+  Buffer<float> sky_;       // allocated by the first sky
   std::optional<std::array<float, kSkyNumbers>> uploaded_sky_;
 
-  // Of the view rendered last.
+  // Data of the last rendered view.
   ImageShape shape_;
   std::vector<RenderGroup> groups_;
   std::uint32_t count_ = 0;  // splats of all groups

@@ -13,7 +13,7 @@
 namespace ubs {
 namespace {
 
-struct Range {  // of a tensor in the values
+struct Range {  // position of a tensor in the values, in bytes
   std::size_t begin, end;
   std::string name;
 };

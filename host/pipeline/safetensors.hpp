@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// safetensors files (named tensors, as the Python package of that name writes them): 8 bytes with the length
-// of a JSON header, the header, then the values. Only float32 is read, and a file is refused unless its
-// tensors fill it exactly, without gaps or overlaps, and every value is finite.
+// read_safetensors() reads safetensors files, which contain named tensors and are written by the Python
+// package of that name. A file has 8 bytes with the length of a JSON header, the header, and then the values.
+// Only float32 is supported. A file is rejected unless its tensors fill it exactly, without gaps or overlaps,
+// and every value is finite.
 #pragma once
 
 #include <cstddef>
@@ -18,13 +19,13 @@ struct Tensor {
 };
 
 struct TensorFile {
-  std::filesystem::path path;  // for messages
+  std::filesystem::path path;  // used in messages
   std::map<std::string, Tensor> tensors;
-  // Throws Error(data) naming the file when there is no such tensor.
+  // Returns the tensor with this name. Throws Error(data) with the name of the file if there is none.
   const Tensor& at(const std::string& name) const;
 };
 
-// Throws Error(data) with the file and the tensor for anything unexpected.
+// Reads a file. Throws Error(data) with the file and the tensor if the content is not as described above.
 TensorFile read_safetensors(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -13,7 +13,7 @@ std::uint32_t sum_of(std::span<const std::uint32_t> counts) {
   return std::reduce(counts.begin(), counts.end());
 }
 
-// Null where other ranks cannot reach the buffer.
+// Returns the address of the buffer, or null if other ranks cannot access it.
 std::byte* within_reach(Communicator& ranks, const Buffer<float>& rows) {
   const DeviceAddress address = rows.view().memory->address();
   return address.on_card && !ranks.takes_card_memory() ? nullptr : static_cast<std::byte*>(address.pointer);
@@ -86,7 +86,7 @@ std::optional<ListTotals> SharedRenderer::forward(Round& round, bool for_backwar
     round.counts.push_back(static_cast<std::uint32_t>(bytes / kRowBytes));
   round.counts[own_rank()] = own.count;
   const std::uint32_t drawn = sum_of(round.counts);
-  device_.finish();  // a view before may still be drawn from these records
+  device_.finish();  // the device may still be using these records for an earlier view
   Buffer<float>& records = drawer_.drawn_records(drawn, for_backward);
   std::byte* at = own.freight.in(ranks_, records, drawn * kRowBytes);
   for (std::size_t r = 0; r < into.size(); ++r) {
@@ -101,12 +101,13 @@ std::optional<ListTotals> SharedRenderer::forward(Round& round, bool for_backwar
   return drawer_.forward_projected(drawn, static_cast<std::uint32_t>(camera), round.settings, for_backward);
 }
 
-// Where this rank's splats are in the view that it draws.
+// Returns the offset of this rank's splats in the view that it renders, in bytes.
 std::size_t SharedRenderer::own_bytes_at(const Round& round) const {
   return kRowBytes * sum_of(std::span(round.counts).first(own_rank()));
 }
 
-// The gradients sent before have arrived.
+// When this is called, the gradients of the previous round have been received, so gradients_ can be
+// overwritten.
 void SharedRenderer::send_gradients(Round& round) {
   Pieces pieces(round.cameras.size());
   if (!round.counts.empty()) {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of splats that the ranks of a job share, each rank drawing one view at a time: every rank projects
-// its splats for all of these views, the rank that draws one gets the records of it and hands their gradient
-// back. The splats of a view come in the order of the model, so that image and gradients have the bits that
-// one process makes of all of them. Records and gradients travel while the device draws other views: from and
-// into the device's memory where the ranks can reach it, else through memory of the host.
+// SharedRenderer renders views of splats that the ranks of a job share. At any time each rank renders one
+// view. Every rank projects its splats for all of these views. The rank that renders a view receives the
+// records from all ranks and sends their gradients back. The splats of a view are in the order of the model,
+// so image and gradients are bit-identical to those of one process that has all splats. Records and gradients
+// are transferred while the device renders other views: directly from and to device memory if the ranks can
+// access it, and otherwise through host memory.
 #pragma once
 
 #include <memory>
@@ -15,58 +16,65 @@
 
 namespace ubs {
 
-// Rows of a buffer on their way to other ranks or from them.
+// Freight is a transfer buffer for rows that are sent to other ranks or received from them.
 class Freight {
  public:
-  // What the buffer holds, once the device has made it; until the next call.
+  // Waits until the device has computed the rows, and returns their bytes. They are valid until the next
+  // call.
   std::span<const std::byte> out(Communicator& ranks, Device& device, const Buffer<float>& rows,
                                  std::size_t bytes);
-  // Where to put what the buffer is to hold; then arrived().
+  // Returns the address at which rows must be received. After the transfer, the caller must call arrived(),
+  // which copies them to the device if necessary.
   std::byte* in(Communicator& ranks, Buffer<float>& rows, std::size_t bytes);
   void arrived(Device& device, Buffer<float>& rows) const;
 
  private:
-  std::vector<std::byte> room_;  // where the buffer is out of reach
+  std::vector<std::byte> room_;  // used if other ranks cannot access the buffer
   std::size_t room_bytes_ = 0;
 };
 
 class SharedRenderer {
  public:
-  // `drawer` draws this rank's views; it has the same cameras.
+  // `drawer` renders this rank's views. It must have the same cameras.
   SharedRenderer(Communicator& ranks, Device& device, Stages& stages, Renderer& drawer)
       : ranks_(ranks), device_(device), drawer_(drawer), owner_(device, stages) {}
 
   void set_cameras(const std::vector<Camera>& cameras) { owner_.set_cameras(cameras); }
 
-  // This rank's part of the view of one rank.
+  // This rank's part of the view that one of the ranks renders.
   struct Part {
     DrawnSplats drawn;
     Freight freight;
     std::uint32_t count = 0;
   };
-  // Views that the ranks draw at the same time. To be given to the functions below one after the other.
+  // The views that the ranks render at the same time. The functions below must be called in this order with
+  // the same Round.
   struct Round {
     SplatView own;
     RenderSettings settings;
     std::vector<std::int64_t> cameras;         // by rank
     std::shared_ptr<std::vector<Part>> parts;  // by rank
-    std::vector<std::uint32_t> counts;  // splats of each rank in the view that this rank draws, or empty
+    // Splats of each rank in the view that this rank renders; empty if it renders none.
+    std::vector<std::uint32_t> counts;
     std::unique_ptr<Exchange> on_the_way;
   };
 
-  // Projects, and sends the records. Rank r draws view cameras[r]; nothing where that is kNoView.
+  // Projects the splats and starts to send the records. Rank r renders the view cameras[r], or none if that
+  // is kNoView.
   Round begin(const SplatView& own, std::vector<std::int64_t> cameras, const RenderSettings& settings);
-  // Waits for the records, and draws. Nothing where this rank draws none.
+  // Waits for the records and renders. Returns nothing if this rank renders no view.
   std::optional<ListTotals> forward(Round& round, bool for_backward);
-  // After forward() and, on the ranks that draw, the first half of backward().
+  // Starts to send the gradients. Must be called after forward() and, on ranks that render a view, after the
+  // first half of backward().
   void send_gradients(Round& round);
   // Waits for the gradients.
   void receive_gradients(Round& round);
-  // With the gradient of rank r's view: for the second half of backward(), or for learn().
+  // Returns a renderer that contains the gradient of the view of `rank`, so that the second half of
+  // backward() or learn() can be called on it.
   Renderer& gradient_of(const Round& round, std::size_t rank);
   Renderer& owner() { return owner_; }
 
-  std::uint64_t bytes_sent() const { return sent_; }  // to other ranks
+  std::uint64_t bytes_sent() const { return sent_; }  // number of bytes sent to other ranks
 
  private:
   std::size_t own_rank() const { return static_cast<std::size_t>(ranks_.rank()); }
@@ -76,11 +84,13 @@ class SharedRenderer {
 
   Communicator& ranks_;
   Device& device_;
-  Renderer& drawer_;         // of whole views
-  Renderer owner_;           // of this rank's splats, as far as records
-  Buffer<float> gradients_;  // of the view that this rank has drawn, of all ranks' splats
+  Renderer& drawer_;         // renders whole views
+  Renderer owner_;           // projects this rank's splats to records
+  Buffer<float> gradients_;  // of the splats of all ranks, for the view that this rank has rendered
   Freight gradient_freight_;
-  std::vector<std::shared_ptr<std::vector<Part>>> parts_;  // of all rounds that were under way at a time
+  // Parts that are reused by later rounds. There are as many entries as rounds were in progress at the same
+  // time.
+  std::vector<std::shared_ptr<std::vector<Part>>> parts_;
   std::uint64_t sent_ = 0;
 };
 

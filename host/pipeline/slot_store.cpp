@@ -9,7 +9,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kMaxSlots = 0xffffffffu;  // their numbers have 32 bits
+constexpr std::uint64_t kMaxSlots = 0xffffffffu;  // slot numbers have 32 bits
 
 std::uint64_t in_one_piece(const DeviceInfo& device, unsigned floats) {
   return std::clamp<std::uint64_t>(device.max_allocation_bytes / (floats * sizeof(float)), 1, kMaxSlots);

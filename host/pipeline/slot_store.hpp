@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Room for the gradient slots of a view, one a (tile, splat) pair: one buffer while an allocation of the
-// device holds it, else pieces of 2^bits slots.
+// SlotStore holds the gradient slots of a view, one per (tile, splat) pair. It uses a single buffer if the
+// device can allocate one of this size, and otherwise several buffers of 2^bits slots.
 #pragma once
 
 #include <vector>
@@ -11,22 +11,24 @@ namespace ubs {
 
 class SlotStore {
  public:
-  // floats: of a slot (slot_floats()).
+  // `floats` is the size of a slot (slot_floats()).
   SlotStore(Device& device, unsigned floats) : device_(device), floats_(floats) {}
 
-  // Slots that a device can have at most, in as many pieces as kernels take; memory in use is not looked at.
+  // Returns the maximum number of slots on a device with as many buffers as the kernels support. Memory that
+  // is already in use is not considered.
   static std::uint64_t most(const DeviceInfo& device, unsigned floats);
 
-  // Content is lost when it grows; grows by at least half where there is memory for that, as Buffer::reserve
-  // does. Throws Error(memory) with the numbers where there is not even memory for what is asked for.
+  // Makes room for this number of slots. When the store grows, its contents are lost. It grows by at least
+  // half if there is memory for that, as Buffer::reserve does. Throws Error(memory) with the numbers if the
+  // memory is not even sufficient for the requested size.
   void reserve(std::uint64_t slots);
-  std::uint64_t size() const { return size_; }  // slots
+  std::uint64_t size() const { return size_; }  // number of slots
   SlotViews view() const;
 
  private:
   void allocate(std::uint64_t slots);
 
-  std::uint64_t bytes() const { return floats_ * sizeof(float); }  // of a slot
+  std::uint64_t bytes() const { return floats_ * sizeof(float); }  // bytes per slot
 
   Device& device_;
   unsigned floats_;

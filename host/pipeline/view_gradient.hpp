@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loss of one view and its gradient with respect to every raw parameter, without regularisers: the door
-// through which other implementations and the test oracle check this one.
+// view_gradient() computes the loss of one view and its gradient with respect to every raw parameter, without
+// regularisers. It is the interface for comparing this implementation with others and with the oracle of the
+// tests.
 #pragma once
 
 #include <span>
@@ -15,27 +16,29 @@ struct ViewLoss {
   double l1 = 0, ssim = 0;
 };
 struct ViewGradient : ViewLoss {
-  SplatModel values;  // gradient in place of each parameter
+  SplatModel values;  // each parameter is replaced by the derivative of the loss with respect to it
 };
 struct MixedViewGradient : ViewLoss {
   MixedModel values;
   CameraGradient camera;
 };
 
-// With what is there already: the renderer, whose camera it sets, and room for the gradients (empty: the loss
-// alone).
+// Computes the loss and the gradients with an existing renderer, and writes the gradients to the existing
+// buffers v_params. The camera of the renderer is replaced by `camera`. If v_params is empty, the function
+// only computes the loss.
 ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                    std::span<const BufferView<float>> v_params, const Camera& camera,
                    std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                    std::span<const std::uint8_t> mask);
 
-// target: (3, height, width) planar, any real values; mask: (height, width), 0 = does not count, or empty.
-// The stages must have backward and nothing frozen.
+// Computes the loss and the gradient for a model of one group. `target` is planar, (3, height, width), with
+// any real values. `mask` has the shape (height, width); a pixel with the value 0 does not count. If the mask
+// is empty, all pixels count. The stages must be configured with `backward` and without frozen parameters.
 ViewGradient view_gradient(Device& device, Stages& stages, const SplatModel& model, const Camera& camera,
                            std::span<const float> target, const RenderSettings& settings, float lambda_dssim,
                            std::span<const std::uint8_t> mask = {});
-// The same for groups, and with `camera_too` the gradient of the camera; of `config` they replace N and the
-// form.
+// This overload does the same for a model of several groups. With `camera_too` it also computes the gradient
+// of the loss with respect to the camera. N and variant of `config` are replaced by those of the groups.
 MixedViewGradient view_gradient(Device& device, const KernelConfig& config, const MixedModel& model,
                                 const Camera& camera, std::span<const float> target,
                                 const RenderSettings& settings, float lambda_dssim,

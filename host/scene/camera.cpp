@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See camera.hpp.
 #include "host/scene/camera.hpp"
 
 #include <algorithm>
@@ -10,8 +9,8 @@
 namespace ubs {
 namespace {
 
-// The largest deviation from a rotation in the published sets is 1.4e-6; a scaled or sheared matrix is
-// a mistake that would silently bend the geometry.
+// The largest deviation from a rotation in the published data sets is 1.4e-6. A scaled or sheared matrix is
+// an error that would silently distort the geometry.
 constexpr double kRotationTolerance = 1e-3;
 
 }  // namespace
@@ -40,7 +39,7 @@ void check_rotation(const std::array<double, 9>& m, const std::string& what) {
     }
   const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
                      m[2] * (m[3] * m[7] - m[4] * m[6]);
-  // Negated, so that NaN is refused.
+  // The condition is negated, so that NaN is rejected.
   if (!(std::abs(det - 1.0) <= kRotationTolerance && worst <= kRotationTolerance))
     fail(
         ErrorKind::data,

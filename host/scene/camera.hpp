@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pinhole camera in COLMAP axes (x right, y down, z forward) and the query values of its frame.
+// Camera is a pinhole camera in COLMAP axes (x right, y down, z forward), with the query values of its frame.
 #pragma once
 
 #include <array>
@@ -22,30 +22,35 @@ struct Camera {
   bool operator==(const Camera&) const = default;
 
   std::array<double, 3> centre() const;  // camera position in the world, -R^T t
-  // Of a place in the image, in the world; where the point of depth d stands: centre() + d ray.
+  // Returns the ray through a position in the image, in world coordinates. The point with depth d is centre()
+  // + d ray.
   std::array<double, 3> ray(double column, double row) const;
 };
 
-// Focal lengths and principal point.
+// Copies the focal lengths and the principal point.
 inline void take_lens(Camera& to, const Camera& from) {
   to.fx = from.fx, to.fy = from.fy, to.cx = from.cx, to.cy = from.cy;
 }
 
-// At most so many of them, evenly spaced, the first among them.
+// Returns at most `most` cameras, evenly spaced and starting with the first.
 std::vector<Camera> evenly_chosen(std::span<const Camera> cameras, std::size_t most);
 
-// Numbers from files: products of two are finite in float32, and so are they less an offset.
+// Limits for numbers from files. Products of two such numbers are finite in float32, also after an offset is
+// subtracted.
 inline constexpr double kMaxMagnitude = 1e15;
 inline constexpr double kMinFocal = 1e-6;  // [px]
 inline constexpr int kMaxPixelsAcross = 65535;
-inline constexpr std::int64_t kMaxPixels = 1 << 29;  // kernels count those of three channels in 31 bits
+// Kernels index the values of three channels with 31 bits.
+inline constexpr std::int64_t kMaxPixels = 1 << 29;
 
-// `value` itself; Error(data) that starts with `what` when it is not finite or beyond kMaxMagnitude.
+// Returns `value`. Throws Error(data) with a message that starts with `what` if it is not finite or exceeds
+// kMaxMagnitude.
 double checked_input(double value, const std::string& what);
-// Error(data) that starts with `what` for scale, shear, mirroring and NaN; row-major.
+// Throws Error(data) with a message that starts with `what` if the row-major matrix is not a rotation,
+// because of scale, shear, mirroring or NaN.
 void check_rotation(const std::array<double, 9>& rotation, const std::string& what);
-// Every loader has its cameras checked here: orientation, magnitudes, focal lengths, size. Error(data) that
-// starts with `where`, the file and the frame.
+// Checks the orientation, magnitudes, focal lengths and image size of a camera. Every loader calls this.
+// Throws Error(data) with a message that starts with `where`, which contains the file and the frame.
 void check_camera(const Camera& camera, const std::string& where);
 
 }  // namespace ubs

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See camera_json.hpp.
 #include "host/scene/camera_json.hpp"
 
 #include <algorithm>
@@ -21,7 +20,7 @@ double camera_number(const Json& json, const char* name) {
   return value.get<double>();
 }
 
-// JSON has integers beyond those of a conversion, which would wrap.
+// Integers in JSON may exceed the range of int, and a plain conversion would wrap around.
 int camera_size(const Json& json, const char* name) {
   const Json& value = camera_member(json, name);
   const bool fits = value.is_number_unsigned()

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera as JSON: the members of Camera by name.
+// camera_json() and camera_of() convert a camera to and from JSON. The members have the names of those of
+// Camera.
 #pragma once
 
 #include "host/base/json.hpp"
@@ -8,8 +9,8 @@
 namespace ubs {
 
 Json camera_json(const Camera& camera);
-// Throws Error(data) if a member is missing or of another kind. Of values it checks only that sizes are whole
-// numbers up to kMaxPixelsAcross; check_camera() checks the others.
+// Converts JSON to a camera. Throws Error(data) if a member is missing or has the wrong type. Image sizes
+// must be integers up to kMaxPixelsAcross. Other values are not checked here, but by check_camera().
 Camera camera_of(const Json& json);
 
 }  // namespace ubs

@@ -10,7 +10,7 @@ namespace {
 
 struct Centres {
   Vec3 mean{};
-  double spread = 0;  // sum of squared distances from it
+  double spread = 0;  // sum of squared distances from the mean
 };
 
 Centres centres_of(std::span<const Camera> cameras) {
@@ -66,7 +66,7 @@ void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
     mean_turn = mean_turn + turn_of(product(transposed(cameras[i].rotation), given[i].rotation));
   const RotationMatrix back = rotation_by((-1 / static_cast<double>(cameras.size())) * mean_turn);
   const Centres now = centres_of(cameras), then = centres_of(given);
-  // Cameras at one place, or nearly, say nothing about the scale.
+  // Cameras at the same or nearly the same position do not determine the scale.
   const bool spread = then.spread > 1e-12 * dot(then.mean, then.mean) && now.spread > 0;
   const double scale = spread ? std::sqrt(then.spread / now.spread) : 1;
   for (Camera& camera : cameras) {

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See choose_dim.hpp.
 #include "host/scene/choose_dim.hpp"
 
 #include <algorithm>
@@ -16,11 +15,12 @@
 namespace ubs {
 namespace {
 
-constexpr double kSameDegrees = 0.5;  // a highlight that changes within it is sharper than images show
+constexpr double kSameDegrees = 0.5;  // images do not resolve changes of a highlight within this angle
 constexpr double kSameTime = 1e-9;
-constexpr double kParallelAxes = 1e-6;  // as a determinant (pose.hpp): within a tenth of a degree
+constexpr double kParallelAxes = 1e-6;  // a determinant (pose.hpp); corresponds to a tenth of a degree
 
-// Largest angle between the directions from two cameras to what they look at [degrees].
+// Returns the largest angle between the directions from any two cameras to the point that they look at, in
+// degrees.
 double direction_spread(std::span<const View> views) {
   std::vector<Camera> cameras;
   for (const View& view : views) cameras.push_back(view.camera);
@@ -30,17 +30,17 @@ double direction_spread(std::span<const View> views) {
     if (target) directions.push_back(normalised(*target - camera.centre()));
   }
   if (at_one_place(cameras)) return 0;
-  if (!target) return 180;  // parallel axes: how far away the scene is, nobody knows
+  if (!target) return 180;  // parallel axes: the distance of the scene is unknown
   double least = 1;
   for (std::size_t i = 0; i < directions.size(); ++i)
     for (std::size_t k = 0; k < i; ++k) least = std::min(least, dot(directions[i], directions[k]));
   return std::acos(std::clamp(least, -1.0, 1.0)) * 180 / std::numbers::pi;
 }
 
-// Values of a query dimension after the direction: 0 is time.
+// Returns the value of a query dimension after the direction. k = 0 is time.
 double query_value(const Camera& camera, std::size_t k) { return k == 0 ? camera.time : camera.extra[k - 1]; }
 
-// How many values are needed so that none that differs between views is left out.
+// Returns the number of query values up to the last one that differs between views.
 std::size_t values_that_differ(std::span<const View> views) {
   std::size_t available = kMaxDim - 6;
   for (const View& view : views) available = std::min(available, view.camera.extra.size() + 1);
@@ -74,7 +74,7 @@ DimChoice choose_dim(std::span<const View> train) {
                         : ", seen from different positions";
   else
     why += fmt::format(", seen from one direction (within {:.1g} degrees)", kSameDegrees);
-  // Without direction N = 6 would mean three values (kernels/layout.h).
+  // N = 6 always means the direction, never three values without it (kernels/layout.h).
   if (!direction && values > 2) {
     direction = true;
     why += "; the direction is included, because this many query values require it";

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The dimensions that a data set can teach a model anything about (`--dim auto`).
+// choose_dim() chooses the dimensions of a model for `--dim auto`: those that vary between the views of a
+// data set.
 #pragma once
 
 #include <span>
@@ -11,12 +12,12 @@ namespace ubs {
 
 struct DimChoice {
   int dim = 6;
-  std::string reason;  // one line: what was looked at and what follows
+  std::string reason;  // one line: the properties of the data and the conclusion
 };
 
-// From the cameras of the training views alone: time and further query values are used where they differ
-// between views, the direction where the scene is seen from directions that differ by more than half a
-// degree. Throws Error(data) where there are no views.
+// Chooses from the cameras of the training views alone. Time and further query values are used if they differ
+// between views. The direction is used if the scene is seen from directions that differ by more than half a
+// degree. Throws Error(data) if there are no views.
 DimChoice choose_dim(std::span<const View> train);
 
 }  // namespace ubs

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See conditioning.hpp.
 #include "host/scene/conditioning.hpp"
 
 #include <algorithm>
@@ -16,10 +15,11 @@
 namespace ubs {
 namespace {
 
-constexpr double kLeastWeight = 1e-8;  // smaller weights move nothing; a quotient by them would leave float32
+// Smaller weights have no effect, and dividing by them would exceed the range of float32.
+constexpr double kLeastWeight = 1e-8;
 constexpr int kOpacityQueries = 32;
 
-// Of at most kMaxDim rows and columns.
+// A matrix with at most kMaxDim rows and columns.
 struct Block {
   Block(int rows_, int columns_) : rows(rows_), columns(columns_) {}
   int rows, columns;
@@ -46,7 +46,8 @@ struct Block {
   }
 };
 
-// Lower factor of a symmetric matrix, its pivots at least `least`; `raised` where one was below.
+// Returns the lower Cholesky factor of a symmetric matrix. Pivots below `least` are raised to it, and then
+// `raised` is set.
 Block lower_factor(const Block& a, double least, bool& raised) {
   Block l(a.rows, a.rows);
   for (int j = 0; j < a.rows; ++j)
@@ -86,7 +87,7 @@ Block mirrored_upper(Block a) {
   return a;
 }
 
-// Raw parameters of one splat.
+// Access to the raw parameters of one splat.
 struct RawSplat {
   RawSplat(const SplatModel& from, std::size_t splat) : model(from), l(from.layout()), i(splat) {}
   double at(int row) const { return model.row(row)[i]; }
@@ -96,7 +97,7 @@ struct RawSplat {
   std::size_t i;
 };
 
-// min(exp b, 1), sigmoid b, or 1.
+// Returns the conditioning weights: min(exp b, 1), sigmoid b for learnt weights, or 1 without weights.
 std::vector<double> weights_of(const RawSplat& s) {
   std::vector<double> w(static_cast<std::size_t>(s.l.query), 1.0);
   for (int q = 0; q < s.l.query && s.l.variant.beta_cond == BetaCond::on; ++q) {
@@ -120,7 +121,7 @@ Spatial spatial_of(const RawSplat& s) {
   return out;
 }
 
-// Query rows [Lqx, Lq] of the covariance form.
+// Returns the query rows [Lqx, Lq] of a splat with covariance conditioning.
 Block query_rows(const RawSplat& s) {
   const double ratio =
       s.l.variant.cov_mode == CovMode::whiten ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE;
@@ -136,7 +137,7 @@ Block query_rows(const RawSplat& s) {
   return out;
 }
 
-// Lower factor of the query precision of the direct form.
+// Returns the lower factor of the query precision of a splat with direct conditioning.
 Block precision_factor(const RawSplat& s) {
   Block out(s.l.query, s.l.query);
   for (int i = 0; i < s.l.query; ++i) {
@@ -153,7 +154,7 @@ double least_axis(const Block& covariance) {
          std::sqrt(std::max({covariance.e[0][0], covariance.e[1][1], covariance.e[2][2], 1e-30}));
 }
 
-// Mean change of the opacity factor between the residuals of Lh^-1 and of L^T.
+// Returns the mean change of the opacity factor when the residuals come from L^T instead of Lh^-1.
 double opacity_change(const RawSplat& s, const Block& lh, const Block& precision) {
   if (s.l.variant.beta_opacity != BetaOpacity::tanh) return 0;
   const CounterRandom random(0, 0);
@@ -190,7 +191,9 @@ SplatModel like(const SplatModel& model, ModelVariant variant) {
   return out;
 }
 
-// The frame, the diagonal of the query block, and entry (i, j) below it, columns 0 to 2 first.
+// Stores the parameters of the covariance factor of a splat: the spatial frame, and the entries of the query
+// rows up to the diagonal. `entry(i, j)` returns entry j of query row i, where columns 0 to 2 are the spatial
+// ones.
 template <class Entry>
 void put(SplatModel& model, std::size_t splat, const Block& frame, Entry entry) {
   const ParameterLayout l = model.layout();
@@ -226,7 +229,7 @@ Reconditioned to_direct(const SplatModel& model) {
     const Block query = rows * rows.transposed();
     const Block lh = lower_factor(query, UBS_PIVOT_ABSOLUTE, raised), inverse = lower_inverse(lh);
     const Block precision = inverse.transposed() * inverse, cross = m * coupling.transposed();
-    // mu = mu_x + G x, V = Sigma_x - G X^T.
+    // The conditional is mu = mu_x + G x, V = Sigma_x - G X^T (method.md 2.3).
     const Block gain = s.l.variant.cov_mode == CovMode::whiten
                            ? cross * inverse.transposed() * diagonal(w, 1) * inverse
                            : cross * precision * diagonal(w, 1);
@@ -260,7 +263,7 @@ Reconditioned to_covariance(const SplatModel& model) {
     Block moved(3, s.l.query);
     for (int q = 0; q < s.l.query; ++q)
       for (int c = 0; c < 3; ++c) moved.e[c][q] = scale * s.triangle(q + 3, c);
-    // X with X P diag(w) = V_pq diag(w) P.
+    // Find X with X P diag(w) = V_pq diag(w) P.
     const bool weighted = out.model.variant.beta_cond == BetaCond::on;
     const Block gain = moved * diagonal(w, 1) * precision;
     const Block cross = weighted ? gain * diagonal(w, -1) * query : gain * query;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models between the two forms of conditioning (method.md 9.3), a splat at a time in double precision. The
-// spatial factor of the result is `cholesky`, which has every covariance.
+// to_direct() and to_covariance() convert models between the two kinds of conditioning (method.md 9.3), one
+// splat at a time in double precision. The result has `cov_param cholesky`, which can represent every spatial
+// covariance.
 #pragma once
 
 #include <cstddef>
@@ -11,21 +12,24 @@ namespace ubs {
 
 struct Reconditioned {
   SplatModel model;
-  // Splats whose conditional covariance was indefinite, so that they were culled from some sides: their least
-  // axes were raised to the least that the form has.
+  // Number of splats whose conditional covariance was indefinite, so that they were culled when seen from
+  // some directions. Their shortest axes were raised to the minimum of direct conditioning.
   std::size_t indefinite = 0;
-  // Change of the factor of opacities, at 32 queries within the splat's query covariance: mean over splats,
-  // largest. Only beta_opacity tanh has one, where query dimensions are correlated: its residuals are taken
-  // in the other order.
+  // Change of the opacity factor, measured at 32 queries within the query covariance of each splat: mean over
+  // the splats, and maximum. It is 0 unless beta_opacity is tanh and query dimensions are correlated. In that
+  // case the residuals are taken in the opposite order.
   double opacity_mean = 0, opacity_most = 0;
 };
 
-// Weights that are no exponents too become part of the cross covariance (beta_cond off). Throws Error(usage)
-// with cov_param skew_nd and for a model that is in the form.
+// Converts to direct conditioning. If weights are not also exponents of the opacity, they become part of the
+// cross covariance, and the result has beta_cond off. Throws Error(usage) for cov_param skew_nd and for a
+// model that already has direct conditioning.
 Reconditioned to_direct(const SplatModel& model);
 
-// Throws Error(data) naming the number of splats that no covariance has: means that move by weighted query
-// dimensions may need more spread in space than a splat has.
+// Converts to covariance conditioning. Throws Error(data) with the number of splats that no covariance can
+// represent. Such splats are possible if there are weights, because the motion of the mean with the query may
+// then require a larger spatial extent than the splat has. Throws Error(usage) for a model without direct
+// conditioning.
 Reconditioned to_covariance(const SplatModel& model);
 
 }  // namespace ubs

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a loader delivers and everything downstream consumes: named views with cameras and,
-// where the files exist, 8-bit images already composited on the background: in memory, or decoded on
-// demand where they do not fit there.
+// Split is the result of a loader: named views with cameras and, if the files exist, 8-bit images that are
+// already composited on the background. Images are in memory, or are decoded on demand if they do not fit
+// there.
 #pragma once
 
 #include <cstdint>
@@ -17,10 +17,10 @@ namespace ubs {
 struct Image8 {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgb;     // (height, width, 3)
-  std::vector<std::uint8_t> mask{};  // (height, width): 0 = the pixel does not count; empty: all do
+  std::vector<std::uint8_t> mask{};  // (height, width); 0: the pixel does not count; empty: all pixels count
 };
 
-// (height, width, 3) as (3, height, width).
+// Converts (height, width, 3) to (3, height, width).
 template <typename Values>
 std::vector<typename Values::value_type> planar(const Values& interleaved) {
   const std::size_t pixels = interleaved.size() / 3;
@@ -30,25 +30,26 @@ std::vector<typename Values::value_type> planar(const Values& interleaved) {
   return planes;
 }
 
-// Delivers the image of a view. load() may be called by any thread, any number of times, and always
-// gives the same pixels, of the size of the view's camera.
+// ImageSource provides the image of a view. load() may be called by any thread and any number of times. It
+// always returns the same pixels, in the size of the view's camera.
 class ImageSource {
  public:
   virtual ~ImageSource() = default;
   virtual Image8 load() const = 0;
-  // The same pixels where they lie in memory for as long as this object lives, else null.
+  // Returns the image if it stays in memory for the lifetime of this object, and null otherwise.
   virtual const Image8* held() const { return nullptr; }
 };
 
 struct View {
-  std::string name;  // of the frame, without folder and extension; a safe file name, unique in its split
+  std::string name;  // name of the frame, without folder and extension; a safe file name, unique in its split
   Camera camera;
-  Image8 image;  // empty (width 0) when there is no image, or when `source` delivers it
+  Image8 image;  // empty (width 0) if there is no image, or if `source` provides it
   std::shared_ptr<const ImageSource> source;
-  bool masked = false;           // the image comes with a mask
-  bool opaque = false;           // its file is known to have no alpha: nothing of a background is in it
-  std::string part_of{};         // of a view that shows a part of a wide image: the name of that image
-  std::filesystem::path file{};  // of the image; empty if there is none, or it is in a video or packed file
+  bool masked = false;    // the image comes with a mask
+  bool opaque = false;    // the file is known to have no alpha, so the image contains no background
+  std::string part_of{};  // name of the wide image, if the view shows a part of one
+  // Image file; empty if there is no image, or if it is in a video or packed file.
+  std::filesystem::path file{};
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }
   Image8 load_image() const { return source ? source->load() : image; }

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See extent.hpp.
 #include "host/scene/extent.hpp"
 
 #include <algorithm>
@@ -25,7 +24,7 @@ double scene_extent(std::span<const View> views) {
 }
 
 bool at_one_place(std::span<const Camera> cameras) {
-  constexpr double kRounding = 1e-7;  // of the distance from the origin
+  constexpr double kRounding = 1e-7;  // relative to the distance from the origin
   double spread = 0, distance = 0;
   for (const Camera& camera : cameras) {
     const auto c = camera.centre(), first = cameras.front().centre();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The length unit of a scene (method.md 4.4); the position learning rate is proportional to it.
+// scene_extent() computes the extent of a scene from its cameras (method.md 4.4). The learning rate of
+// positions is proportional to it.
 #pragma once
 
 #include <span>
@@ -8,10 +9,11 @@
 
 namespace ubs {
 
-// 1.1 * the largest distance of a camera from the mean of the cameras; 0 for a single camera.
+// Returns 1.1 times the largest distance of a camera from the mean position of the cameras. This is 0 for a
+// single camera.
 double scene_extent(std::span<const View> views);
 
-// Whether all cameras have one position, but for rounding.
+// Returns whether all cameras have the same position, apart from rounding.
 bool at_one_place(std::span<const Camera> cameras);
 
 }  // namespace ubs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Describes one field of a settings struct, so that command line, YAML, --set and output share one table.
+// Field describes one member of a settings struct. Command line, YAML, --set and output all use the same
+// table of fields.
 #pragma once
 
 #include <cstdint>
@@ -16,19 +17,20 @@
 
 namespace ubs {
 
-// Value of a real field that is to be chosen from the data; written and read as "auto".
+// Value of a real field that will be chosen from the data; written and read as "auto".
 inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
-// The same of a whole-number field, none of which has 0 in its range.
+// Value of an integer field that will be chosen from the data. No such field has 0 in its range.
 inline constexpr int kAutoInt = 0;
 
-// A member that is an enumeration: its numbers are the places of the words in Field::choices.
+// ChoiceRef refers to a member that is an enumeration. Its numbers are the positions of the words in
+// Field::choices.
 struct ChoiceRef {
   void* value;
   int (*get)(const void* value);
   void (*set)(void* value, int number);
 };
 
-// For Field::member: the enumeration that `Member` finds in the settings.
+// Returns a reference to the enumeration `Member` of the settings, for Field::member.
 template <typename Settings, auto Member>
 ChoiceRef choice(Settings& settings) {
   auto& value = std::invoke(Member, settings);
@@ -37,13 +39,13 @@ ChoiceRef choice(Settings& settings) {
           [](void* at, int number) { *static_cast<E*>(at) = static_cast<E>(number); }};
 }
 
-// What a field is for, beside the training of a model.
+// The uses of a field in addition to training.
 enum FieldUse : unsigned {
-  kOfKernels = 1,     // kernels are specialised by it, beside N, `raster` and the form of the model
+  kOfKernels = 1,     // specialises kernels, like N, `raster` and the variant of the model
   kFreeOnResume = 2,  // may change when a run is resumed
-  kOfDrawing = 4,     // changes the picture of a finished model: model files remember it
-  kOfReading = 8,     // says how data are read
-  kSetFirst = 16,     // what users set first: --help shows it, --help-all the others
+  kOfDrawing = 4,     // changes the images of a trained model; stored in model files
+  kOfReading = 8,     // determines how data are read
+  kSetFirst = 16,     // important for most users: shown by --help; --help-all shows all fields
 };
 
 template <typename Settings>
@@ -56,12 +58,12 @@ struct Field {
       member;
   double min = -std::numeric_limits<double>::infinity();  // inclusive
   double max = std::numeric_limits<double>::infinity();
-  bool automatic = false;         // kAuto is allowed; of a range, that parts are left out or all
-  const char* choices = nullptr;  // words of a choice, allowed values of a text; separated by |
+  bool automatic = false;         // kAuto is allowed; for a range: parts or all of it may be omitted
+  const char* choices = nullptr;  // words of a choice, or allowed values of a text, separated by |
   unsigned uses = 0;              // FieldUse
 };
 
-// A field bound to one settings object; what the readers and writers of settings work on.
+// FieldValue is a field that is bound to one settings object. The readers and writers of settings use it.
 struct FieldValue {
   using Pointer =
       std::variant<int*, std::uint64_t*, double*, bool*, std::string*, Background*, IndexRange*, ChoiceRef>;
@@ -74,7 +76,7 @@ struct FieldValue {
   unsigned uses;
 };
 
-// The values point into `settings`, which must outlive them.
+// Binds all fields to `settings`. The result points into `settings`, which must outlive it.
 template <typename Settings>
 std::vector<FieldValue> bind_fields(Settings& settings, std::span<const Field<Settings>> fields) {
   std::vector<FieldValue> values;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parameter groups that a run does not learn: they have no gradient, no moments, no Adam step. A set of
-// groups is a bit set by the numbers of kernels/layout.h (UBS_FROZEN).
+// frozen_groups() determines the parameter groups that a run does not train. They have no gradient, no
+// moments and no Adam step. A set of groups is a bit mask with the numbers of kernels/layout.h (UBS_FROZEN).
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,16 @@
 
 namespace ubs {
 
-// `names`: groups of the layout separated by commas, "xyz,rgb"; empty: none. Throws Error(usage) for a name
-// that the model has not, one given twice, and when nothing is left to learn.
+// Parses `names`, which are groups of the layout separated by commas ("xyz,rgb"); empty: none. Throws
+// Error(usage) if the model has no group of that name, if a name is repeated, or if nothing would be trained.
 std::uint32_t frozen_groups(const ParameterLayout& layout, const std::string& names);
 bool is_frozen(std::uint32_t frozen, const std::string& group);
-// Rows that are learnt.
+// Returns the number of rows that are trained.
 int trained_rows(const ParameterLayout& layout, std::uint32_t frozen);
 
-// Which gradients of a projected splat the groups that are learnt ask for.
+// The gradients of a projected splat that the trained groups need.
 struct SplatGradientNeeds {
-  bool shape = true;  // of its mean and conic
+  bool shape = true;  // mean and conic
   bool opacity = true, beta = true, colour = true;
 };
 SplatGradientNeeds splat_gradient_needs(const ParameterLayout& layout, std::uint32_t frozen, bool query_grad);

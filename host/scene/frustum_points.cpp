@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See frustum_points.hpp.
 #include "host/scene/frustum_points.hpp"
 
 #include <algorithm>
@@ -22,7 +21,8 @@ void take_colours(PointCloud& cloud, std::span<const View> views, const CounterR
         return std::min(size - 1, static_cast<int>(random.uniform(i, draw) * size));
       };
       const int at = pixel(2, image.height) * image.width + pixel(1, image.width);
-      if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;  // it stays grey
+      // The point stays grey.
+      if (!image.mask.empty() && image.mask[static_cast<std::size_t>(at)] == 0) continue;
       std::copy_n(image.rgb.begin() + std::ptrdiff_t{3} * at, 3, cloud.colours[i].begin());
     }
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Initial points in what the cameras see, between depth bounds (LLFF, N3V).
+// sample_frusta() creates random initial points in the region that the cameras see, between depth bounds
+// (LLFF, N3V).
 #pragma once
 
 #include <array>
@@ -12,10 +13,10 @@
 
 namespace ubs {
 
-enum class PointColours { grey, pixels };  // pixels: of the picture that the point was drawn in
+enum class PointColours { grey, pixels };  // pixels: colour of the pixel through which the point was placed
 
-// Points at random pixels of the views, uniform in inverse depth between near and far: equally dense in every
-// image. One pair of bounds per view.
+// Returns points at random pixels of the views, uniform in inverse depth between near and far, so that they
+// are equally dense in every image. There must be one pair of bounds per view.
 PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
                          std::size_t count, std::uint64_t seed, PointColours colours = PointColours::grey);
 

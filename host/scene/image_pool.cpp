@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See image_pool.hpp. One mutex guards everything; decoding itself runs without it.
+// One mutex guards the whole pool. Images are decoded without holding it.
 #include "host/scene/image_pool.hpp"
 
 #include <algorithm>
@@ -8,7 +8,8 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kMaxAhead = 8;  // prefetched and not fetched; more would only fill the budget
+// Maximum number of images that are prefetched and not yet fetched; more would only fill the budget.
+constexpr std::size_t kMaxAhead = 8;
 
 std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.mask.size(); }
 
@@ -17,7 +18,7 @@ std::size_t image_bytes(const Image8& image) { return image.rgb.size() + image.m
 ImagePool::ImagePool(std::size_t budget_bytes, unsigned threads) : budget_(budget_bytes) {
   try {
     for (unsigned i = 0; i < std::max(1u, threads); ++i) threads_.emplace_back([this] { work(); });
-  } catch (...) {  // the destructor does not run
+  } catch (...) {  // the destructor does not run if the constructor throws
     stop();
     throw;
   }
@@ -31,7 +32,7 @@ void ImagePool::stop() {
     stop_ = true;
   }
   work_ready_.notify_all();
-  threads_.clear();  // joins while the rest of the pool still lives
+  threads_.clear();  // joins the threads while the other members still exist
 }
 
 std::size_t ImagePool::add(std::shared_ptr<const ImageSource> source) {
@@ -45,7 +46,7 @@ void ImagePool::prefetch(std::size_t index) {
     const std::lock_guard lock(mutex_);
     Entry& entry = entries_.at(index);
     if (entry.wanted || wanted_ >= kMaxAhead) return;
-    if (entry.state == State::ready) {  // protect it until it is fetched
+    if (entry.state == State::ready) {  // mark as recently used, so that it is kept until it is fetched
       recent_.splice(recent_.end(), recent_, entry.place);
       return;
     }
@@ -61,13 +62,14 @@ void ImagePool::prefetch(std::size_t index) {
 
 std::shared_ptr<const Image8> ImagePool::get(std::size_t index) {
   std::unique_lock lock(mutex_);
-  // Until this thread wakes, others may have dropped what it waited for, and asked for it again.
+  // Before this thread wakes up, other threads may have dropped the image that it waited for, and requested
+  // it again.
   while (entries_.at(index).state != State::ready) {
     if (entries_[index].state == State::decoding) {
       image_ready_.wait(lock);
       continue;
     }
-    std::erase(queue_, index);  // nobody has begun: do it here
+    std::erase(queue_, index);  // no thread has started to decode it, so decode it here
     decode(lock, index);
   }
   Entry& entry = entries_[index];
@@ -84,7 +86,8 @@ std::shared_ptr<const Image8> ImagePool::get(std::size_t index) {
   return entry.image;
 }
 
-// On return the entry is ready: with an image, or with an error and no place in the list.
+// Decodes an image. On return the entry is ready. It either has an image, or it has an error and no place in
+// the list of recent images.
 void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   entries_[index].state = State::decoding;
   const std::shared_ptr<const ImageSource> source = entries_[index].source;
@@ -112,7 +115,8 @@ void ImagePool::decode(std::unique_lock<std::mutex>& lock, std::size_t index) {
   image_ready_.notify_all();
 }
 
-// Drops the least recently used images; those asked for ahead and the one just made stay.
+// Drops the least recently used images until the budget is kept. Images that were prefetched, and image
+// `keep`, stay.
 void ImagePool::make_room(std::size_t keep) {
   for (auto it = recent_.begin(); bytes_ > budget_ && it != recent_.end();) {
     Entry& entry = entries_[*it];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of many views within a memory budget: decoded ahead in background threads, the least recently
-// used dropped. What get() returns never depends on threads or budget, only its speed does.
+// ImagePool holds the images of many views within a memory budget. Background threads decode images ahead of
+// time, and the least recently used images are dropped. The result of get() never depends on the number of
+// threads or the budget; only its speed does.
 #pragma once
 
 #include <condition_variable>
@@ -19,21 +20,22 @@ namespace ubs {
 
 class ImagePool {
  public:
-  // At least the image asked for and one ahead stay, whatever the budget.
+  // The requested image and one prefetched image are always kept, even if they exceed the budget.
   explicit ImagePool(std::size_t budget_bytes, unsigned threads = 2);
   ~ImagePool();
   ImagePool(const ImagePool&) = delete;
   ImagePool& operator=(const ImagePool&) = delete;
 
-  // The number under which the image is known; it is not decoded yet.
+  // Returns the number of the image. Does not decode it yet.
   std::size_t add(std::shared_ptr<const ImageSource> source);
-  // Waits when a thread is decoding it, decodes it itself when none is. Rethrows what decoding threw.
+  // Returns an image. If a thread is decoding it, the call waits. If it is not being decoded, the call
+  // decodes it in this thread. Rethrows errors of decoding.
   std::shared_ptr<const Image8> get(std::size_t index);
-  // Asks for an image that will be wanted soon; ignored when it is there or the budget is full of
-  // images that were asked for and not yet fetched.
+  // Requests an image that will be needed soon. Does nothing if the image is there, or if the budget is full
+  // of images that were prefetched and not yet fetched.
   void prefetch(std::size_t index);
 
-  std::size_t peak_bytes() const;  // most memory ever held
+  std::size_t peak_bytes() const;  // maximum of the memory in use so far
   std::size_t decoded() const;     // how often an image was decoded
 
  private:

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See initialise.hpp.
 #include "host/scene/initialise.hpp"
 
 #include <algorithm>
@@ -18,13 +17,15 @@ namespace {
 
 using Positions = std::span<const std::array<float, 3>>;
 
-// One stream per parameter group: adding a group leaves the draws of the others alone.
+// Each parameter group has its own random stream, so that adding a group does not change the numbers of the
+// others.
 enum InitialStream : std::uint32_t { kPositions, kMeans, kQueryScales, kTriangle, kLobes };
 
 constexpr std::size_t kNeighbours = 3;
 constexpr double kMinScale = 1e-7;
-constexpr double kLonePointScale = 0.1;  // no distance to go by; visible in a scene of unit size
-constexpr double kJitter = 1e-5;         // standard deviation that breaks the symmetry of equal entries
+// A single point has no neighbour distance; this scale is visible in a scene of unit size.
+constexpr double kLonePointScale = 0.1;
+constexpr double kJitter = 1e-5;  // standard deviation of the noise that breaks the symmetry of equal entries
 
 struct CloudAdaptor {
   Positions positions;
@@ -38,7 +39,8 @@ struct CloudAdaptor {
 using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, CloudAdaptor>,
                                                  CloudAdaptor, 3, std::uint32_t>;
 
-// The point itself is left out by its number, not by its distance: duplicates are real neighbours.
+// Returns the root of the mean squared distance to the nearest neighbours. The point itself is excluded by
+// its index, not by its distance, because duplicates are real neighbours.
 double neighbour_distance(const Tree& tree, Positions positions, std::size_t i) {
   std::array<std::uint32_t, kNeighbours + 1> found{};
   std::array<double, kNeighbours + 1> squared{};
@@ -63,7 +65,8 @@ void check_points(Positions positions, std::size_t colours) {
       if (!std::isfinite(coordinate)) fail(ErrorKind::data, "initial point {} is not finite", i);
 }
 
-// Means of the query dimensions: U(-1,1) for direction, U(0,1) for everything else.
+// Draws the means of the query dimensions: uniform in (-1, 1) for the direction, and in (0, 1) for all
+// others.
 void draw_means(SplatModel& model, std::uint64_t seed) {
   const ParameterLayout layout = model.layout();
   const CounterRandom random(seed, kMeans);
@@ -76,7 +79,7 @@ void draw_means(SplatModel& model, std::uint64_t seed) {
   }
 }
 
-// Axes of lobes: anywhere on the sphere. Their raw colours and betas start at 0.
+// Draws the axes of the lobes uniformly on the sphere. Their raw colours and betas are initially 0.
 void draw_lobes(SplatModel& model, std::uint64_t seed) {
   const int lobes = model.variant.lobes(), first = model.layout().rgb + 3;
   const CounterRandom random(seed, kLobes);
@@ -104,7 +107,7 @@ void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed,
       model.row(layout.scale + 3 + q)[i] = static_cast<float>(
           inverse_softplus_of(1.0 + kJitter * scales.normal(i, static_cast<std::uint32_t>(q))));
   for (int entry = 0; entry < layout.count - layout.l_triangle; ++entry) {
-    // The unit quaternion has w = 1; every other entry of every parametrisation starts near 0.
+    // The first entry of a quaternion is w = 1. All other entries, in every parametrisation, start near 0.
     const double start = model.variant.rot_mode == RotMode::quaternion && entry == 0 ? 1 : 0;
     for (std::size_t i = 0; i < model.count; ++i)
       model.row(layout.l_triangle + entry)[i] =
@@ -112,7 +115,8 @@ void draw_covariance(SplatModel& model, Positions positions, std::uint64_t seed,
   }
 }
 
-// Raw colour parameter of a value in [0, 1]: itself, or the constant harmonic that gives it.
+// Returns the raw colour parameter for a value in [0, 1]: the value itself, or the coefficient of the
+// constant harmonic that gives it.
 double raw_colour(double value, const ModelVariant& variant) {
   constexpr double kConstantHarmonic = 0.28209479177387814;  // 1 / (2 sqrt(pi))
   return variant.harmonics() ? (value - 0.5) / kConstantHarmonic : value;
@@ -121,7 +125,8 @@ double raw_colour(double value, const ModelVariant& variant) {
 void fill_betas(SplatModel& model, const InitOptions& options) {
   const ParameterLayout layout = model.layout();
   if (!model.variant.has_query_beta()) return;
-  // Learnt weights have no exponent that a low beta would widen; they start at 1/2.
+  // Learnt weights are not exponents, so a low beta would not make the splats visible from more directions.
+  // They start at 1/2.
   const double beta_dir =
       options.beta_dir.value_or(model.dim == 7 && !model.variant.learnt_weights() ? -3.0 : 0.0);
   const int directions = layout.query >= 3 ? 3 : 0;

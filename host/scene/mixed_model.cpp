@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See mixed_model.hpp.
 #include "host/scene/mixed_model.hpp"
 
 #include <algorithm>

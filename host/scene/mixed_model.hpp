@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model whose splats do not all have the same dimensions: groups, each a SplatModel of its own N. Splats
-// are numbered through in the order of the groups. All groups are of one form (variant): they are drawn into
-// one image by one rasteriser.
+// MixedModel is a model whose splats may have different dimensions. It consists of groups, each of which is a
+// SplatModel with its own N. Splats are numbered consecutively in the order of the groups. All groups have
+// the same variant, because one rasteriser renders them into one image.
 #pragma once
 
 #include <string>
@@ -13,26 +13,28 @@
 namespace ubs {
 
 struct MixedModel {
-  std::vector<SplatModel> groups;  // at least one; no two of the same N
+  std::vector<SplatModel> groups;  // at least one; each N occurs at most once
 
   MixedModel() : groups(1) {}
   MixedModel(SplatModel model) { groups.push_back(std::move(model)); }
   explicit MixedModel(std::vector<SplatModel> several) : groups(std::move(several)) {}
 
   bool mixed() const { return groups.size() > 1; }
-  int dim() const { return groups.front().dim; }  // of the first group: the largest in files of ours
+  // N of the first group, which is the largest one in files written by ubs.
+  int dim() const { return groups.front().dim; }
   const ModelVariant& variant() const { return groups.front().variant; }
-  bool has_time() const;           // whether any of its splats changes with time
-  std::size_t count() const;       // splats
-  std::size_t parameters() const;  // floats
-  // The only group. Throws Error(usage): "<what>: the model has splats of several dimensions ...".
+  bool has_time() const;           // whether any group has a time dimension
+  std::size_t count() const;       // number of splats
+  std::size_t parameters() const;  // number of floats
+  // Returns the only group. Throws Error(usage) with a message that starts with `what` if there are several
+  // groups.
   const SplatModel& single(std::string_view what) const;
 };
 
-// "N = 6, 1200 splats"; "N = 6: 700, N = 3: 500, 1200 splats".
+// Returns, for example, "N = 6, 1200 splats", or "N = 6: 700, N = 3: 500, 1200 splats" for several groups.
 std::string to_string(const MixedModel& model);
 
-// Throws Error(kind internal) where groups are missing, repeat a dimension or differ in form.
+// Throws Error(internal) if there are no groups, or if groups have the same dimension or different variants.
 void check_groups(const MixedModel& model);
 
 }  // namespace ubs

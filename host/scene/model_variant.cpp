@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See model_variant.hpp.
 #include "host/scene/model_variant.hpp"
 
 #include <algorithm>

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The form of the method that a model was trained with (method.md 8, docs/variants.md): what its parameters
-// mean and how it is drawn. The zero of every enumeration is the published form; the numbers are those of
-// kernels/variant.h. Recorded in model files as comment lines `ubs <key> <value>` where not the default.
+// ModelVariant describes the variant of the method that a model was trained with (method.md 8,
+// docs/variants.md): it determines the meaning of the parameters and how the model is rendered. The value 0
+// of every enumeration is the published variant; the numbers are those of kernels/variant.h. Switches that
+// are not at their default are recorded in model files as comment lines `ubs <key> <value>`.
 #pragma once
 
 #include <array>
@@ -35,21 +36,22 @@ struct ModelVariant {
 
   bool operator==(const ModelVariant&) const = default;
 
-  int lobes() const;      // spherical Beta lobes beside the constant term
-  int harmonics() const;  // coefficients of a colour channel; 0 for rgb
+  int lobes() const;      // number of spherical Beta lobes in addition to the constant term
+  int harmonics() const;  // number of coefficients per colour channel; 0 for rgb
   bool has_spatial_beta() const { return kernel == SpatialKernel::beta; }
   bool has_query_beta() const { return beta_cond == BetaCond::on || beta_opacity == BetaOpacity::tanh; }
   bool direct() const { return conditioning == Conditioning::direct; }
-  // Weights of the direct form that are parameters of their own, in the rows of the query betas.
+  // Returns whether the weights of direct conditioning are parameters of their own. They are stored in the
+  // rows of the query betas.
   bool learnt_weights() const {
     return direct() && beta_opacity != BetaOpacity::tanh && beta_cond == BetaCond::on;
   }
 };
 
-// Allowed values of a switch in the order of its enumeration, separated by |.
+// A switch with its allowed values, in the order of the enumeration, separated by |.
 struct VariantSwitch {
-  const char* key;    // of settings and files
-  const char* macro;  // of kernels/variant.h
+  const char* key;    // key in settings and files
+  const char* macro;  // macro in kernels/variant.h
   const char* values;
 };
 inline constexpr std::array<VariantSwitch, 9> kVariantSwitches{{
@@ -69,18 +71,19 @@ constexpr const char* variant_values(std::string_view key) {
   return nullptr;
 }
 
-// Values by the order of kVariantSwitches.
+// These functions convert a variant to and from the numbers of its values, in the order of kVariantSwitches.
 std::array<int, kVariantSwitches.size()> variant_numbers(const ModelVariant& variant);
 ModelVariant variant_from_numbers(const std::array<int, kVariantSwitches.size()>& numbers);
 
-// Key and value of every switch that is not at its default.
+// Returns key and value of every switch that is not at its default.
 std::vector<std::pair<std::string, std::string>> non_default_switches(const ModelVariant& variant);
-// "default" or "kernel gaussian, colour sh3".
+// Returns, for example, "default" or "kernel gaussian, colour sh3".
 std::string to_string(const ModelVariant& variant);
-// Throws Error(data): "<origin>: ..." naming an unknown key or value.
+// Sets a switch. Throws Error(data) with a message that starts with `origin` if the key or the value is
+// unknown.
 void set_switch(ModelVariant& variant, std::string_view key, std::string_view value, std::string_view origin);
 
-// Throws Error(usage) where the choices exclude one another or N.
+// Throws Error(usage) if the switches are incompatible with each other or with N.
 void check_variant(int dim, const ModelVariant& variant);
 
 }  // namespace ubs

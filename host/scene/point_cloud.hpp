@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Coloured points, from structure-from-motion or a points3d.ply, that a model is initialised from.
+// PointCloud holds coloured points that a model is initialised from. They come from structure from motion or
+// from a points3d.ply.
 #pragma once
 
 #include <array>
@@ -10,7 +11,7 @@ namespace ubs {
 
 struct PointCloud {
   std::vector<std::array<float, 3>> positions;
-  std::vector<std::array<std::uint8_t, 3>> colours;  // as many as positions
+  std::vector<std::array<std::uint8_t, 3>> colours;  // one per position
 };
 
 }  // namespace ubs

@@ -35,7 +35,8 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   const double sign = cosine < 0 ? -1 : 1;  // q and -q are the same rotation
   cosine = std::min(1.0, std::abs(cosine));
   double from = 1 - s, to = s;
-  if (cosine < 1 - 1e-9) {  // nearer than that, sin(angle) loses digits and a chord is as good as an arc
+  // For smaller angles, sin(angle) loses digits, and linear interpolation is as good.
+  if (cosine < 1 - 1e-9) {
     const double angle = std::acos(cosine);
     from = std::sin((1 - s) * angle) / std::sin(angle);
     to = std::sin(s * angle) / std::sin(angle);
@@ -44,10 +45,11 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double s) {
   return unit({from * a.w + to * b.w, from * a.x + to * b.x, from * a.y + to * b.y, from * a.z + to * b.z});
 }
 
-// Divides by the largest of the four components, found from the diagonal, so that nothing cancels.
+// Computes the largest of the four components from the diagonal and divides by it, so that there is no
+// cancellation.
 Quaternion quaternion(const std::array<double, 9>& m) {
   const double w = 1 + m[0] + m[4] + m[8], x = 1 + m[0] - m[4] - m[8], y = 1 - m[0] + m[4] - m[8],
-               z = 1 - m[0] - m[4] + m[8];  // four times the squares
+               z = 1 - m[0] - m[4] + m[8];  // four times the squares of the components
   const double largest = std::max({w, x, y, z});
   if (largest == w) return unit({w, m[7] - m[5], m[2] - m[6], m[3] - m[1]});
   if (largest == x) return unit({m[7] - m[5], x, m[3] + m[1], m[2] + m[6]});
@@ -111,7 +113,7 @@ Vec3 view_direction(const Camera& camera) {
   return normalised(camera.ray(0.5 * camera.width, 0.5 * camera.height));
 }
 
-// Cramer's rule; the matrix is symmetric, so that rows are columns.
+// Solves the equations by Cramer's rule. The matrix is symmetric, so its rows are its columns.
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least) {
   std::array<Vec3, 3> a{};
   Vec3 b{};

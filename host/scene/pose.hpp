@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a camera is, where it looks, how wide and at what time: what camera paths interpolate and the viewer
-// moves. Axes are those of Camera (x right, y down, z forward).
+// Pose describes the position, orientation, angle of view and time of a camera. Camera paths interpolate
+// poses, and the viewer moves them. Axes are those of Camera (x right, y down, z forward).
 #pragma once
 
 #include <functional>
@@ -23,44 +23,46 @@ struct Pose {
   double fov = 0.87;    // horizontal angle of view [rad], inside (0, pi)
   double time = 0;
 
-  // Unit vectors of the camera in the world.
+  // These functions return the unit vectors of the camera axes in world coordinates.
   Vec3 right() const;
   Vec3 down() const;
   Vec3 forward() const;
 };
 
-// The shorter way from a (s = 0) to b (s = 1) at constant speed.
+// Interpolates on the shorter path from a (s = 0) to b (s = 1) at constant speed.
 Quaternion slerp(const Quaternion& a, const Quaternion& b, double s);
-// From a rotation with row-major entries, as Camera::rotation.
+// Converts a row-major rotation, such as Camera::rotation.
 Quaternion quaternion(const std::array<double, 9>& rotation);
 std::array<double, 9> matrix(const Quaternion& q);
 
-// At `position`, looking at `target` with `up` upwards in the picture. Where up is (nearly) along the view,
-// or target is at the position, some other direction takes its place: the result is always a rotation.
+// Returns the pose at `position` that looks at `target` with `up` pointing upwards in the image. If `up` is
+// (nearly) parallel to the view direction, or `target` equals `position`, another direction is used instead,
+// so that the result is always a rotation.
 Pose look_at(const Vec3& position, const Vec3& target, const Vec3& up);
 
-// What a pose does not say of a camera.
+// The properties of a camera that a pose does not contain.
 struct Canvas {
   int width = 800, height = 600;
   std::vector<double> extra;  // further query values (Camera::extra)
 };
 
-// Square pixels, principal point in the middle.
+// Returns a camera with square pixels and the principal point in the centre of the image.
 Camera camera_at(const Pose& pose, const Canvas& canvas);
 Pose pose_of(const Camera& camera);
-// The horizontal angle of view [rad] at which a picture of the canvas shows all that the camera's does, and
-// more where the shapes differ.
+// Returns the horizontal angle of view [rad] at which an image of the size of `canvas` shows everything that
+// the camera's image shows. It shows more if the aspect ratios differ.
 double fov_showing(const Camera& camera, const Canvas& canvas);
-// Right (0), down (1) or forward (2) in the world.
+// Returns the right (0), down (1) or forward (2) axis of the camera in world coordinates.
 Vec3 camera_axis(const Camera& camera, std::size_t axis);
-// Unit vector towards what the middle of the image shows, in the world: forward, unless the principal point
-// is elsewhere.
+// Returns the unit vector towards the point that the centre of the image shows, in world coordinates. This is
+// the forward axis, unless the principal point is not in the centre.
 Vec3 view_direction(const Camera& camera);
-// The point nearest to all view directions (least squares). None where these are too parallel to tell:
-// `least` is the smallest determinant of the mean of I - d d^T over the viewing directions d. That is 0 when
-// all are parallel, 8/27 when they come from everywhere.
+// Returns the point that is nearest to the view axes of all cameras (least squares), or nothing if the axes
+// are too parallel. `least` is the minimum for the determinant of the mean of I - d d^T over the view
+// directions d. The determinant is 0 if all directions are parallel, and 8/27 if they are distributed evenly
+// over the sphere.
 std::optional<Vec3> nearest_to_axes(std::span<const Camera> cameras, double least);
-// Of at least one camera.
+// Returns the median of `value` over at least one camera.
 double median(std::span<const Camera> cameras, const std::function<double(const Camera&)>& value);
 
 }  // namespace ubs

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unit of length in which a scene is trained (method.md 4.4). Data come in any unit: metres, or whatever
-// structure from motion chose. Training has absolute numbers (the softplus of scales, the noise of positions,
-// the near plane). So cameras and points are divided by a length of the scene's own before training, and the
+// The functions of this file convert a scene to the unit of length in which it is trained, and back
+// (method.md 4.4). Data may have any unit: metres, or an arbitrary unit from structure from motion. But
+// training contains absolute numbers (the softplus of scales, the noise of positions, the near plane).
+// Therefore cameras and points are divided by a characteristic length of the scene before training, and the
 // model is multiplied by it afterwards.
 #pragma once
 
@@ -15,24 +16,27 @@
 
 namespace ubs {
 
-// The depth at which cameras see points: the median over the cameras of the median over the points in their
-// image. Nothing where no camera sees at least ten.
+// Returns the typical depth at which cameras see points: the median, over the cameras, of the median depth of
+// the points in their images. Returns nothing if no camera sees at least ten points.
 std::optional<double> median_depth(std::span<const Camera> cameras, const PointCloud& points);
 
-// Whether the model can be multiplied by a length: not with cov_param skew_nd, whose one matrix joins lengths
-// and query values.
+// Returns whether a model with this variant can be multiplied by a length. With cov_param skew_nd this is
+// impossible, because its matrix combines lengths and query values.
 bool has_free_unit(const ModelVariant& variant);
 
-// Multiplies all lengths by `factor` > 0. Positions and scales change, and with cov_param cholesky the part
-// of the factor between positions; the model draws the same images from the scaled cameras.
+// These functions multiply all lengths by `factor` > 0. In a model they change positions and scales. With
+// cov_param cholesky they also change the entries of the Cholesky factor that combine two position axes.
+// Cameras that are scaled by the same factor see the same images of the model.
 void scale_lengths(SplatModel& model, double factor);
 void scale_lengths(Camera& camera, double factor);
 void scale_lengths(PointCloud& points, double factor);
 void scale_lengths(Split& split, double factor);
 
-// The settings for data that are divided by settings.unit. An automatic one is 1.
+// Converts the settings so that they apply to data that are divided by settings.unit. An automatic unit
+// counts as 1.
 TrainSettings in_unit(TrainSettings settings);
-// The same views, with cameras divided by `unit`. Images in memory are not copied: `split` must outlive them.
+// Returns the same views with the positions of the cameras divided by `unit`. Images in memory are not
+// copied, so `split` must outlive them.
 Split in_unit(const Split& split, double unit);
 
 }  // namespace ubs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text and JSON side of settings.hpp; the YAML side is settings_yaml.cpp.
+// This file implements the text and JSON functions of settings.hpp. The YAML functions are in
+// settings_yaml.cpp.
 #include "host/scene/settings.hpp"
 
 #include <algorithm>
@@ -19,8 +20,9 @@ template <typename... Cases>
 struct Overload : Cases... {
   using Cases::operator()...;
 };
+// Clang 14 does not deduce the template arguments of aggregates.
 template <typename... Functions>
-Overload(Functions...) -> Overload<Functions...>;  // clang 14 does not deduce aggregates
+Overload(Functions...) -> Overload<Functions...>;
 
 std::string_view trim(std::string_view text) {
   const auto first = text.find_first_not_of(" \t");
@@ -28,7 +30,8 @@ std::string_view trim(std::string_view text) {
   return text.substr(first, text.find_last_not_of(" \t") - first + 1);
 }
 
-// The whole text as a number, else nothing; std::from_chars does not depend on the locale.
+// Returns the number if the whole text is a number, and otherwise nothing. std::from_chars is used because it
+// does not depend on the locale.
 template <typename Number>
 std::optional<Number> parse(std::string_view text) {
   if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);
@@ -38,7 +41,8 @@ std::optional<Number> parse(std::string_view text) {
   return value;
 }
 
-// Integers as people and YAML tools write them: also "1e4", "30000.0", "7k", "300K" and "1.5M".
+// Parses integers in the forms that people and YAML tools write, which include "1e4", "30000.0", "7k", "300K"
+// and "1.5M".
 std::optional<double> parse_whole(std::string_view text) {
   const char last = text.empty() ? '\0' : text.back();
   const double unit = last == 'k' || last == 'K' ? 1e3 : last == 'M' ? 1e6 : 1;
@@ -74,7 +78,8 @@ std::string range_text(const FieldValue& field) {
   return "";
 }
 
-// FIRST:END:STEP; where the field is automatic also FIRST, FIRST:END, and all of them as nothing.
+// Parses FIRST:END:STEP. If the field is automatic, FIRST, FIRST:END and an empty text, which means
+// everything, are allowed too.
 bool assign_range(const FieldValue& field, std::string_view text, IndexRange& to) {
   IndexRange range;
   const auto parts = split(text, ':');
@@ -95,7 +100,7 @@ std::string_view learnt_word(Background::Learnt learnt) {
   return learnt == Background::Learnt::colour ? "learn" : "sky";
 }
 
-// "white", "black", "gray" (0.5), "#fff" and "#ffffff" as numbers from 0 to 1.
+// Parses "white", "black", "gray" (0.5), "#fff" and "#ffffff" into numbers from 0 to 1.
 std::optional<std::array<double, 3>> parse_colour(std::string_view text) {
   if (text == "white") return {{1, 1, 1}};
   if (text == "black") return {{0, 0, 0}};
@@ -113,7 +118,7 @@ std::optional<std::array<double, 3>> parse_colour(std::string_view text) {
   return colour;
 }
 
-// auto, a colour, a colour and harmonics, or the word of what is to be learnt.
+// Parses "auto", a colour, a colour with harmonics, "learn" or "sky".
 bool assign_background(const FieldValue& field, std::string_view text, Background& to) {
   Background read;
   if (text == "auto") {
@@ -130,7 +135,7 @@ bool assign_background(const FieldValue& field, std::string_view text, Backgroun
   if (read.learnt == Background::Learnt::no && parts.size() != 3 && parts.size() != 3 + kSkyHarmonics)
     return false;
   for (std::size_t i = 0; read.learnt == Background::Learnt::no && i < parts.size(); ++i) {
-    constexpr double kLargest = 1e6;  // more than any number of steps can learn
+    constexpr double kLargest = 1e6;  // larger than any value that training can reach
     const auto value = parse<double>(parts[i]);
     if (!value || !std::isfinite(*value)) return false;
     if (i < 3 ? *value < field.min || *value > field.max : std::abs(*value) > kLargest) return false;
@@ -143,7 +148,7 @@ bool assign_background(const FieldValue& field, std::string_view text, Backgroun
   return true;
 }
 
-// One attempt to read `text` into the field; false when it is not a value of the field's domain.
+// Tries to store `text` in the field. Returns false if it is not an allowed value of the field.
 bool assign(const FieldValue& field, std::string_view text) {
   const auto inside = [&](double v) { return std::isfinite(v) && v >= field.min && v <= field.max; };
   return std::visit(Overload{[&](int* to) {
@@ -234,7 +239,7 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 
 std::string nearest_word(std::string_view word, std::span<const std::string> known) {
   std::string best;
-  std::size_t least = 2 + word.size() / 5;  // as many differences as this make another word
+  std::size_t least = 2 + word.size() / 5;  // with this many differences it is a different word
   for (const std::string& candidate : known)
     if (const std::size_t d = edit_distance(word, candidate); d < least) {
       least = d;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes settings as text, YAML and JSON, for any struct that has a table of fields.
-// Every reader refuses unknown keys (with the nearest known one), values out of range, and NaN.
+// This file declares the functions that read and write settings as text, YAML and JSON, for any struct that
+// has a table of fields. Every reader rejects unknown keys (and suggests the nearest known one), values out
+// of range, and NaN.
 #pragma once
 
 #include <filesystem>
@@ -16,30 +17,35 @@ namespace ubs {
 
 using FieldValues = std::span<const FieldValue>;
 
-// The value as set_field and YAML read it: shortest form that gives back the same number, "auto" for
-// kAuto, "r,g,b" for triples.
+// Returns the value in the form that set_field() and the YAML reader accept: the shortest text that gives the
+// same number, "auto" for kAuto, "r,g,b" for triples.
 std::string field_text(const FieldValue& field);
-// "r,g,b", the 27 numbers of a sky, or the word of what is to be learnt.
+// Returns "r,g,b", the 27 numbers of a sky, "learn", "sky" or "auto".
 std::string to_string(const Background& background);
-// What may be written, for help and messages: "integer 1 to 8", "auto or number >= 0", "cpu|gpu".
+// Returns a description of the allowed values, for help texts and messages: "integer 1 to 8", "auto or number
+// >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
 
-// `origin` starts the message ("--set", "run.yaml:3:1"). Throws Error(usage).
+// Sets the field `key`. Throws Error(usage) with a message that starts with `origin` ("--set",
+// "run.yaml:3:1").
 void set_field(FieldValues fields, std::string_view key, std::string_view text, std::string_view origin);
-// "key=value"; returns the key.
+// Sets a field from "key=value". Returns the key.
 std::string set_field(FieldValues fields, std::string_view assignment, std::string_view origin);
 
-// A flat mapping of keys to values; triples as [r, g, b] or "r,g,b". An empty file sets nothing.
-// Unreadable or malformed files and wrong values are Error(data) naming file:line:column. Returns the keys.
+// Reads a flat mapping of keys to values, with triples as [r, g, b] or "r,g,b". An empty file sets nothing.
+// Returns the keys. Throws Error(data) with file:line:column if the file is unreadable or malformed, or a
+// value is wrong.
 std::vector<std::string> load_yaml(FieldValues fields, const std::filesystem::path& path);
 
-// All fields with their help as comments; load_yaml of it restores every value exactly.
+// Returns all fields, with their help texts as comments. load_yaml() restores every value exactly from this
+// text.
 std::string to_yaml(FieldValues fields);
 nlohmann::ordered_json to_json(FieldValues fields);
 
-// How many letters have to be changed, added or taken away.
+// Returns the number of characters that must be changed, added or removed to convert `a` into `b`.
 std::size_t edit_distance(std::string_view a, std::string_view b);
-// The known word closest to `word` when it is likely a misspelling, else "".
+// Returns the known word that is closest to `word` if `word` is likely to be a misspelling of it, and
+// otherwise "".
 std::string nearest_word(std::string_view word, std::span<const std::string> known);
 
 }  // namespace ubs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// YAML side of settings.hpp (YamlReader reads; writing a flat mapping needs no library).
+// This file implements the YAML functions of settings.hpp. YamlReader reads; writing a flat mapping needs no
+// library.
 #include <fmt/format.h>
 
 #include "host/base/text.hpp"

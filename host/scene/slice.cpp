@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See slice.hpp.
 #include "host/scene/slice.hpp"
 
 #include <algorithm>
@@ -12,7 +11,7 @@
 namespace ubs {
 namespace {
 
-// kernels/math of one N and form.
+// The functions of kernels/math for one N and one kind of conditioning.
 struct Formulas {
   Slice (*slice)(const double*, const QueryValues&);
   double (*log_factor)(const double*, const QueryValues&);
@@ -42,7 +41,7 @@ bool Slicer::knows(const ModelVariant& variant) {
   return published == variant;
 }
 
-// The rows of the published form: what a kernel shape or a colour has of its own is left out.
+// Copies the rows of the published variant. Rows that only other kernel shapes or colours have are skipped.
 Slicer::Slicer(const SplatModel& model, std::size_t splat)
     : dim_(model.dim), direct_(model.variant.direct()) {
   const ParameterLayout from = model.layout(), to(model.dim, {});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A splat seen at a query (direction, time, ...): its conditional mean, covariance and opacity
-// (method.md 2.3, 2.4, 9) in double precision on the host, for tools that look at single splats. The
-// published form, and its direct counterpart.
+// Slicer computes the conditional mean, covariance and opacity of a splat at a query (direction, time, ...)
+// (method.md 2.3, 2.4, 9), in double precision on the host. It serves tools that examine single splats. It
+// supports the published variant, and this variant with direct conditioning.
 #pragma once
 
 #include <array>
@@ -22,10 +22,11 @@ struct Slice {
   double covariance[3][3] = {};  // the upper triangle, mirrored
 };
 
-// kernels/math for one N; parameters: rows of the published form, or of the direct one.
+// Evaluates kernels/math for one N. `parameters` has the rows of the published variant, or of direct
+// conditioning.
 template <int dim, int direct>
 Slice slice_at(const double* parameters, const QueryValues& query);
-// ln of the opacity factor (2.4) of the residual y = Lh^-1 x of that splat.
+// Returns the logarithm of the opacity factor (2.4) for the residual y = Lh^-1 x of the splat.
 template <int dim, int direct>
 double log_factor_at(const double* parameters, const QueryValues& residual);
 #define UBS_DECLARE(n, direct)                                                   \
@@ -40,14 +41,14 @@ UBS_EACH_N(UBS_DECLARE_FORMS)
 
 class Slicer {
  public:
-  // The spatial kernel, the colour, antialiasing and the conditioning do not matter; the rest must be
-  // published.
+  // Returns whether the variant is supported. Spatial kernel, colour, antialiasing and conditioning may have
+  // any value; the other switches must have their published values.
   static bool knows(const ModelVariant& variant);
 
   Slicer(const SplatModel& model, std::size_t splat);
 
   const std::array<double, 3>& mean() const { return mean_; }
-  double beta() const { return beta_; }  // exponent of the spatial kernel; 0 where there is none
+  double beta() const { return beta_; }  // exponent of the spatial kernel; 0 if it has none
   Slice at(const QueryValues& query) const;
   double log_factor(const QueryValues& residual) const;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// kernels/math in double precision at a query, compiled once for each N (UBS_N) and form (UBS_DIRECT); see
-// slice.cpp.
+// This file evaluates kernels/math in double precision at a query. It is compiled once for each N (UBS_N) and
+// each kind of conditioning (UBS_DIRECT); see slice.cpp.
 #include <algorithm>
 
 #include "host/scene/slice.hpp"

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See spatial_factor.hpp.
 #include "host/scene/spatial_factor.hpp"
 
 #include <algorithm>

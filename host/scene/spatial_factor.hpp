@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The factor M of a splat's spatial covariance M M^T (method.md 2.1, 8) in double precision on the host, for
-// every form of the method: for tools that look at single splats.
+// spatial_factor() computes the factor M of the spatial covariance M M^T of a splat (method.md 2.1, 8), in
+// double precision on the host and for every variant. It serves tools that examine single splats.
 #pragma once
 
 #include <array>
@@ -12,20 +12,21 @@ namespace ubs {
 
 using Matrix3 = std::array<std::array<double, 3>, 3>;
 
-// ln(1 + e^x); linear above 20, as the published code.
+// Returns ln(1 + e^x); linear above 20, as in the published code.
 double softplus_of(double raw);
-// Its inverse for y > 0; values below 1e-30 are taken as that.
+// Returns the inverse of softplus for y > 0. Values below 1e-30 count as 1e-30.
 double inverse_softplus_of(double y);
 
 struct SpatialFactor {
   Matrix3 m{};
-  std::array<double, 3> scale{};  // as kernels draw them: at least a small part of the largest
+  std::array<double, 3> scale{};  // as used by the kernels: at least a small share of the largest scale
 };
 
-// The first three columns of M, which are all of it except with cov_param skew_nd and N > 3.
+// Returns the first three columns of M. M has no others, except with cov_param skew_nd and N > 3.
 SpatialFactor spatial_factor(const SplatModel& model, std::size_t splat);
 
-// kernels/math for one rot_mode, or for kMaxRotMode plus a cov_param; raw rotation entries and scales.
+// Evaluates kernels/math for one rot_mode, or for kMaxRotMode plus a cov_param, with raw rotation entries and
+// scales.
 inline constexpr int kMaxRotMode = static_cast<int>(RotMode::quaternion);
 template <int form>
 SpatialFactor spatial_factor_as(const double* rotation, const double* scale);

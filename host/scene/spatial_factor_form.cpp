@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// kernels/math in double precision of one form of the spatial factor (UBS_ROT_MODE, UBS_COV_PARAM); see
-// spatial_factor.cpp.
+// This file evaluates kernels/math in double precision for one variant of the spatial factor (UBS_ROT_MODE,
+// UBS_COV_PARAM); see spatial_factor.cpp.
 #include <algorithm>
 
 #include "host/scene/spatial_factor.hpp"

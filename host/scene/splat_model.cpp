@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Row arithmetic of the parameter table; see splat_model.hpp.
+// This file computes the rows and names of the parameters; see splat_model.hpp.
 #include "host/scene/splat_model.hpp"
 
 #include <algorithm>
@@ -36,11 +36,12 @@ std::vector<std::string> ParameterLayout::property_names() const {
   }
   names.push_back("opacity");
   numbered("beta", 0, query_beta - beta);
-  // The number says the dimension, also without beta_0.
+  // The numbers are those of the query dimensions, counted from 1, even if there is no beta_0.
   numbered(variant.learnt_weights() ? "lambda" : "beta", 1, mean - query_beta);
   numbered("mean", 0, query);
   if (variant.direct() && query > 0) {
-    // Row i of the factor of the precision has its diagonal in the place of a scale, the rest behind Theta_i.
+    // The diagonal entry of row i of the precision factor is in the place of a scale. The other entries of
+    // the row follow after Theta_i.
     const auto packed = [](int i, int j) { return i * (i + 1) / 2 + j; };
     numbered("scale", 0, 3);
     for (int i = 0; i < query; ++i) numbered("precision", packed(i, i), 1);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A set of N-dimensional Beta splats as RAW parameters (before sigmoid, softplus, exp; method.md 1.1).
-// Storage is structure-of-arrays in the order of the published file (method.md 5.1): one row per
-// property, `count` values per row. The device keeps the same rows with a padded stride.
+// SplatModel is a set of N-dimensional Beta splats with RAW parameters (before sigmoid, softplus, exp;
+// method.md 1.1). It is stored as a structure of arrays in the order of the published file (method.md 5.1):
+// one row per property, with `count` values per row. The device has the same rows with a padded stride.
 #pragma once
 
 #include <cmath>
@@ -15,31 +15,33 @@
 
 namespace ubs {
 
-// Of raw opacities; exact to the last bits on both sides of 0.
+// Converts a raw opacity. Accurate to the last bits on both sides of 0.
 inline double sigmoid(double x) { return x < 0 ? std::exp(x) / (1 + std::exp(x)) : 1 / (1 + std::exp(-x)); }
 
 inline constexpr int kMinDim = 3;
 inline constexpr int kMaxDim = 11;  // 3 spatial + at most 8 query dimensions
 
-// Whether time is among the query dimensions (kernels/layout.h): N = 4, 5 and from 7 on.
+// Returns whether time is one of the query dimensions (kernels/layout.h): N = 4, N = 5 and N >= 7.
 constexpr bool has_time(int dim) { return dim == 4 || dim == 5 || dim >= 7; }
 
-// Row numbers of the parameter groups of an N-dimensional splat; C = N - 3 query dimensions. The same
-// arithmetic as kernels/layout.h (tests/math/splat_vjp_test.cpp compares them).
+// ParameterLayout holds the first row of each parameter group of an N-dimensional splat, with C = N - 3 query
+// dimensions. The arithmetic is the same as in kernels/layout.h (tests/math/splat_vjp_test.cpp compares
+// them).
 struct ParameterLayout {
   explicit ParameterLayout(int dim, const ModelVariant& variant = {});
   int dim, query;  // N, C
   ModelVariant variant;
-  int xyz = 0,
-      rgb = 3;  // or, in the place of rgb, spherical harmonics: constant terms, then the others or lobes
-  int opacity, beta, query_beta;  // `beta` is the spatial one; either group may have no rows
-  int mean, scale, l_triangle;    // or, in the place of l_triangle, the quaternion
-  int count;                      // N(N+1)/2 + 2N + 2 by default
+  // With spherical harmonics, `rgb` is the first row of the constant terms. The other harmonics, or the
+  // lobes, follow after them.
+  int xyz = 0, rgb = 3;
+  int opacity, beta, query_beta;                    // `beta` is the spatial beta; both groups may be empty
+  int mean, scale, l_triangle;                      // `l_triangle` is the quaternion with rot_mode quaternion
+  int count;                                        // N(N+1)/2 + 2N + 2 by default
   std::vector<std::string> property_names() const;  // PLY names, in row order
 };
 
-// All that there are, by their numbers in kernels/layout.h (UBS_GROUPS); those of one number exclude one
-// another.
+// All parameter groups with their numbers in kernels/layout.h (UBS_GROUPS). A model has at most one of the
+// groups with the same number.
 struct GroupName {
   std::string_view name;
   int number;
@@ -52,7 +54,7 @@ struct ParameterGroup {
   std::string name;
   int first, count;  // rows
 };
-// In row order; groups without rows have count 0.
+// Returns the groups of a layout in the order of their rows. Groups without rows have count 0.
 std::vector<ParameterGroup> parameter_groups(const ParameterLayout& layout);
 
 struct SplatModel {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene `cloud`: dC = T sigma c ds, dT = -T sigma ds, marched through a grid of density and
-// source colour that is computed once. The source is sunlight that reached the point through the cloud,
-// scattered with a forward lobe (so the look depends on the view), sky light, and a glow of the core.
+// This file contains the scene `cloud`. It integrates dC = T sigma c ds, dT = -T sigma ds through a grid of
+// density and source colour that is computed once. The source is the sum of sunlight that has passed through
+// the cloud and is scattered with a forward lobe (so that the appearance depends on the view), sky light, and
+// a glow of the core.
 #include <algorithm>
 #include <array>
 #include <vector>
@@ -17,14 +18,14 @@ namespace {
 constexpr int kGrid = 96;
 constexpr double kHalf = 1.15;  // half size of the volume
 constexpr double kCell = 2 * kHalf / (kGrid - 1);
-constexpr double kStep = 1.5 * kCell;  // a third of it changes no pixel by more than 2/255
-constexpr double kOuter = 1.12;        // half axis of the ellipsoid; density is 0 from there on
+constexpr double kStep = 1.5 * kCell;  // with a third of this step, no pixel changes by more than 2/255
+constexpr double kOuter = 1.12;        // half axis of the ellipsoid, outside of which the density is 0
 constexpr double kExtinction = 9.0;    // per unit length at density 1
 constexpr int kLattice = 16;           // period of the noise; a power of two
 const Vec3 kSun = normalize(Vec3(0.6, -0.5, 0.75));
 
-// Smooth noise in [0,1]: random values on a periodic lattice, blended by a quintic (continuous second
-// derivative: no visible lattice planes).
+// Noise is smooth noise in [0,1]: random values on a periodic lattice, interpolated by a quintic. Its second
+// derivative is continuous, so that the planes of the lattice are not visible.
 class Noise {
  public:
   explicit Noise(std::uint64_t seed) : values_(kLattice * kLattice * kLattice) {
@@ -66,7 +67,7 @@ class Noise {
 };
 
 struct Voxel {
-  float density = 0, sun = 0, glow = 0;  // sun: transmittance towards it
+  float density = 0, sun = 0, glow = 0;  // sun: transmittance towards the sun
 };
 
 class Cloud : public Scene {
@@ -81,7 +82,7 @@ class Cloud : public Scene {
     double near = 0, far = 0;
     if (!clip(ray, near, far)) return {};
     const double cosine = ray.direction.dot(kSun);
-    const double g = 0.35;  // Henyey-Greenstein lobe, scaled to 1 for an isotropic medium
+    const double g = 0.35;  // for the Henyey-Greenstein phase function, scaled to 1 for an isotropic medium
     const double phase = (1 - g * g) / std::pow(1 + g * g - 2 * g * cosine, 1.5);
     Vec3 colour(0, 0, 0);
     double transmittance = 1;
@@ -107,7 +108,8 @@ class Cloud : public Scene {
     return static_cast<std::size_t>((z * kGrid + y) * kGrid + x);
   }
 
-  // Noise eaten away towards an ellipsoid; density and all its uses vanish before the faces.
+  // Computes noise that fades out towards an ellipsoid, so that the density and everything derived from it
+  // vanish before the faces of the grid.
   void fill_layer(const Noise& noise, int z) {
     for (int y = 0; y < kGrid; ++y)
       for (int x = 0; x < kGrid; ++x) {
@@ -125,7 +127,7 @@ class Cloud : public Scene {
     for (int y = 0; y < kGrid; ++y)
       for (int x = 0; x < kGrid; ++x) {
         Voxel& voxel = voxels_[index(x, y, z)];
-        if (voxel.density == 0) continue;  // sample() blends it in with density 0: no influence
+        if (voxel.density == 0) continue;  // no influence, because sample() weights it with its density
         const Vec3 p = position(x, y, z);
         double depth = 0;
         for (double s = 2 * kCell; s < 1.4; s += 2 * kCell) depth += density(p + kSun * s) * 2 * kCell;
@@ -133,7 +135,8 @@ class Cloud : public Scene {
       }
   }
 
-  // Entry into and exit from the ellipsoid x^2 + y^2 + 2 z^2 = kOuter^2 that holds all density.
+  // Computes where a ray enters and leaves the ellipsoid x^2 + y^2 + 2 z^2 = kOuter^2, which contains all
+  // density.
   static bool clip(const Ray& ray, double& near, double& far) {
     const auto product = [](const Vec3& a, const Vec3& b) {
       return a[0] * b[0] + a[1] * b[1] + 2 * a[2] * b[2];
@@ -146,7 +149,7 @@ class Cloud : public Scene {
     return near < far;
   }
 
-  // Trilinear weights of the eight voxels around p; the callback receives index and weight.
+  // Computes the trilinear weights of the eight voxels around p. The callback receives index and weight.
   template <typename Visit>
   static void visit_corners(const Vec3& p, const Visit& visit) {
     std::array<int, 3> cell{};
@@ -169,7 +172,8 @@ class Cloud : public Scene {
     return sum;
   }
 
-  // Sun and glow are averaged with the density as weight, so that empty voxels do not darken the rim.
+  // Sun and glow are averaged with the density as weight, so that empty voxels do not darken the edge of the
+  // cloud.
   Voxel sample(const Vec3& p) const {
     double density = 0, sun = 0, glow = 0;
     visit_corners(p, [&](std::size_t i, double w) {

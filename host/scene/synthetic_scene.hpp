@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What synthetic.cpp needs of a procedural scene: the light along one ray. Internal to host/scene.
+// Scene is the interface of the procedural scenes for host/data/synthetic.cpp: it computes the light along
+// one ray.
 #pragma once
 
 #include <cmath>
@@ -24,9 +25,10 @@ class Scene {
  public:
   virtual ~Scene() = default;
   virtual bool dynamic() const { return false; }
-  virtual double focus_height() const { return 0; }  // the cameras look at (0, 0, this)
-  // `u`, `v` in [0,1): the position of the ray within its pixel. Scenes that integrate over a second
-  // domain (an area light) take their sample there: the same for every pixel, so without noise.
+  virtual double focus_height() const { return 0; }  // the cameras look at (0, 0, focus_height)
+  // Returns the light along a ray. `u`, `v` in [0,1) are the position of the ray within its pixel. Scenes
+  // that integrate over a second domain, such as an area light, use them to choose their sample. All pixels
+  // have the same samples, so there is no noise.
   virtual Sample trace(const Ray& ray, double time, double u, double v) const = 0;
 };
 

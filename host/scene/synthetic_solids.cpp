@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The contents of the scenes `glossy` and `orbit`. Everything lies within [-1.3, 1.3]^3, the box that
+// This file contains the scenes `glossy` and `orbit`. Everything lies within [-1.3, 1.3]^3, the box that
 // random initialisation fills.
 #include <numbers>
 
@@ -9,8 +9,8 @@ namespace ubs::synthetic {
 
 namespace {
 
-constexpr double kFloor = -0.62;  // height of the slab's upper side
-constexpr double kFocus = -0.3;   // middle of what stands on it
+constexpr double kFloor = -0.62;  // height of the upper side of the slab
+constexpr double kFocus = -0.3;   // height of the middle of the objects on the slab
 
 Shape slab(double half_width, const Vec3& light, const Vec3& dark, double mirror) {
   Material m;

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See synthetic_tracer.hpp.
 #include "host/scene/synthetic_tracer.hpp"
 
 #include <algorithm>
@@ -10,8 +9,11 @@ namespace ubs::synthetic {
 
 namespace {
 
-constexpr int kMaxBounces = 4;    // then the environment; 10 instead of 4 changes 1 pixel in 1000 of `glossy`
-constexpr double kOffset = 1e-6;  // lifts secondary rays off their surface
+// Maximum number of reflections, after which the environment is used. With 10 instead of 4, one pixel in 1000
+// of `glossy` changes.
+constexpr int kMaxBounces = 4;
+// Secondary rays start slightly above their surface, so that they do not hit it again.
+constexpr double kOffset = 1e-6;
 const Vec3 kLightCentre(1.8, -2.2, 3.6), kLightU(0.5, 0.4, 0), kLightV(-0.35, 0.3, 0.35);
 const Vec3 kFillDirection = normalize(Vec3(-0.7, 0.5, 0.6));  // weak second light without shadow
 
@@ -38,7 +40,7 @@ void intersect_sphere(const Shape& shape, const Ray& ray, Hit& hit) {
   hit = {distance, local * (1 / shape.half[0]), turn(local, -shape.yaw) * (1 / shape.half[0]), &shape};
 }
 
-// Slabs, in the frame of the box.
+// Intersects a box by the slab method, in the frame of the box.
 void intersect_box(const Shape& shape, const Ray& ray, Hit& hit) {
   const Vec3 origin = turn(ray.origin - shape.centre, -shape.yaw),
              direction = turn(ray.direction, -shape.yaw);
@@ -88,7 +90,7 @@ Vec3 environment(const Vec3& d) {
   return sky + Vec3(0.65, 0.80, 1.0) * window;
 }
 
-// Alternating cells with a thin grout line and a slow tint, so that no two cells look alike.
+// A checkerboard with thin grout lines and a slowly varying tint, so that no two cells look alike.
 Vec3 checker(const Material& m, double x, double y) {
   const double cx = x * m.frequency, cy = y * m.frequency;
   const long ix = std::lround(std::floor(cx)), iy = std::lround(std::floor(cy));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small ray tracer for spheres and upright boxes: Phong highlights, mirror reflections, shadows of one
-// area light, and a studio-like environment that only reflections see. Internal to host/scene.
+// trace_shapes() is a small ray tracer for spheres and upright boxes, with Phong highlights, mirror
+// reflections, shadows of one area light, and a studio-like environment that is only visible in reflections.
+// It is internal to host/scene.
 #pragma once
 
 #include <vector>
@@ -27,7 +28,7 @@ struct Shape {
   Material material;
 };
 
-// u, v choose a point of the area light.
+// `u` and `v` choose a point of the area light.
 Sample trace_shapes(const std::vector<Shape>& shapes, const Ray& ray, double u, double v);
 
 }  // namespace ubs::synthetic

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of training fields: key, help and range of each, in the order of --help and config.yaml.
+// This file contains the table of training fields: key, help and range of each, in the order of --help and
+// config.yaml.
 #include "host/scene/train_settings.hpp"
 
 #include <algorithm>
@@ -14,19 +15,19 @@ namespace {
 
 using S = TrainSettings;
 
-constexpr int kMaxSplats = 100'000'000;     // far beyond any device; catches a slip of the keyboard
-constexpr double kMinDecayingRate = 1e-30;  // an exponential decay has no zero; this one moves nothing
-constexpr int kMaxIterations = 10'000'000;  // likewise
+constexpr int kMaxSplats = 100'000'000;     // far more than any device can hold; catches typing errors
+constexpr double kMinDecayingRate = 1e-30;  // an exponential decay cannot reach 0; this rate has no effect
+constexpr int kMaxIterations = 10'000'000;  // catches typing errors too
 constexpr int kMaxPyramidFactor = 64;
-constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // squares are finite in single precision
-constexpr double kMinAlphaMin = 1e-6;                    // what kernels/math/reach.h is derived for
+constexpr double kMinLength = 1e-20, kMaxLength = 1e30;  // their squares are finite in single precision
+constexpr double kMinAlphaMin = 1e-6;  // kernels/math/reach.h is derived for values from here on
 
 template <auto Switch>
 ChoiceRef form(S& settings) {
   return choice<ModelVariant, Switch>(settings.variant);
 }
 
-// auto, and behind it the forms.
+// The choice `auto`, followed by the kinds of conditioning.
 ChoiceRef conditioning(S& settings) {
   return {&settings,
           [](const void* at) {
@@ -218,7 +219,8 @@ const Field<S> kFields[] = {
 
 std::span<const Field<TrainSettings>> train_fields() { return kFields; }
 
-// Relocation moves splats and takes opacity from those it copies; other groups are copied along as they are.
+// Throws Error(usage) if refinements would change a frozen group: relocation moves splats and reduces the
+// opacity of the splats that it copies. It copies other groups without changing them.
 void check_freeze(const TrainSettings& s) {
   const std::uint32_t frozen = frozen_groups(ParameterLayout(s.dim, s.variant), s.freeze);
   for (const char* group : {"xyz", "opacity"})
@@ -282,13 +284,13 @@ RunInterval checkpoint_interval(const TrainSettings& s) {
   return run_interval("checkpoint_every", s.checkpoint_every);
 }
 
-// Takes a number from the front of the text, with the character that must follow it.
+// Reads a number from the front of the text, and the character that must follow it.
 template <typename T>
 static bool take_number(const char*& at, const char* end, char closing, T& value) {
   const auto result = std::from_chars(at, end, value);
   if (result.ec != std::errc()) return false;
   at = result.ptr;
-  if (at == end) return closing == ',';  // none follows the last one
+  if (at == end) return closing == ',';  // no comma follows the last entry
   return *at++ == closing && (closing != ',' || at != end);
 }
 

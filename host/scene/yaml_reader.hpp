@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// YamlReader reads a flat YAML file of settings. Every error (Error(data)) names file:line:column, and
-// unknown or repeated keys are errors. load_yaml of settings.hpp is the short form.
+// YamlReader reads a flat YAML file of settings. Every error is an Error(data) that contains
+// file:line:column. Unknown or repeated keys are errors. load_yaml() of settings.hpp is a shortcut.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -24,11 +24,11 @@ class YamlReader {
 
   const YAML::Node& root() const { return root_; }
 
-  // All entries in the order of the file. `what` names the mapping in messages.
+  // Returns all entries in the order of the file. `what` is the name of the mapping in messages.
   std::vector<YamlEntry> entries(const YAML::Node& node, const std::string& what) const;
-  // The scalar as it stands in the file; a sequence of scalars as "a,b,c".
+  // Returns the scalar as written in the file, or a sequence of scalars as "a,b,c".
   std::string text(const YamlEntry& entry) const;
-  // Sets `fields` as the file says, and returns the keys. An empty file sets nothing.
+  // Sets `fields` to the values of the file, and returns the keys. An empty file sets nothing.
   std::vector<std::string> set(FieldValues fields) const;
 
  private:

@@ -12,12 +12,14 @@ namespace {
 
 constexpr std::size_t kPivotSplats = 4096;
 constexpr std::size_t kCameraNumbers = 17;
-constexpr double kMostPixels = 2e5;  // of an image that a step looks at
-// The model has adapted to the cameras as they are and holds them back: longer steps make up for it.
+constexpr double kMostPixels = 2e5;  // maximum size of the image that a step uses
+// The model has adapted to the present cameras and therefore holds them back. Longer steps compensate for
+// this.
 constexpr double kStretch = 1.3;
-constexpr double kFirstRidge = 0.03;  // an unfinished model says little about what hardly shows
-// Cameras and model drift together along what no image shows, 0.15 degrees in 20 sweeps from right poses
-// (docs/results/2026-11-22-cameras.md).
+// Moves that hardly change the image are held back, because an unfinished model determines them poorly.
+constexpr double kFirstRidge = 0.03;
+// Cameras and model can drift together in directions that no image determines. Starting from correct poses,
+// they drifted by 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md). This prior prevents it.
 constexpr double kPrior = 2e-3;
 constexpr double kLensDamping = 1e-2;
 
@@ -69,8 +71,9 @@ int CameraRefiner::factor_for(std::size_t view, int factor) const {
   return factor;
 }
 
-// The normal equations of all views of the lens, in which every pose gives way: what is left of the lens'
-// part when the best pose for each change of it has been put in (the Schur complement).
+// Refines one lens with the normal equations of all views that share it. First the pose of each view is
+// eliminated (Schur complement). The remaining equations contain only the lens; they assume that every pose
+// follows a change of the lens optimally.
 void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t lens) {
   NormalEquations sum;
   for (std::size_t i = 0; i < cameras_.size(); ++i) {
@@ -79,7 +82,8 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
     const NormalEquations own = fit.linearise(cameras_[i], kCameraMoves);
     NormalEquations column = own;
     const CameraMove pose = solve_normal(column, kPoseMoves);
-    if (!std::isfinite(pose[0])) continue;  // the picture says nothing: all masked, or no splat is in it
+    // If the result is not finite, the image determines nothing: it is fully masked or contains no splat.
+    if (!std::isfinite(pose[0])) continue;
     for (std::size_t b = kPoseMoves; b < kCameraMoves; ++b) {
       for (std::size_t k = 0; k < kPoseMoves; ++k) column.right[k] = own.matrix[k][b];
       const CameraMove answer = solve_normal(column, kPoseMoves);
@@ -119,10 +123,10 @@ Camera CameraRefiner::refined(const Drawing& drawing, int factor, std::size_t vi
 }
 
 double CameraRefiner::sweep_seconds(const Drawing& drawing, int factor) const {
-  refined(drawing, factor, 0, 0);  // kernels are compiled, room for the lists is made
+  refined(drawing, factor, 0, 0);  // warm-up: compiles the kernels and allocates the lists
   const Stopwatch watch;
   refined(drawing, factor, 0, 0);
-  // With the lens a camera is drawn once more for each of its moves, and first.
+  // refined() renders a camera kPoseMoves + 2 times. refine_lens() renders it another kCameraMoves + 1 times.
   const double drawings = kPoseMoves + 2;
   const double more = what_ == RefineCameras::pose_and_intrinsics ? (kCameraMoves + 1) / drawings : 0;
   return (1 + more) * watch.seconds() * static_cast<double>(cameras_.size());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cameras of the training views as they are refined (method.md 4.10): now and then the model is held, and
-// every camera takes a Gauss-Newton step to where the model looks more like its photograph.
+// CameraRefiner holds the cameras of the training views and refines them during training (method.md 4.10). At
+// a few points of the run the model is kept fixed, and each camera takes one Gauss-Newton step that makes the
+// rendered image more similar to its photograph.
 #pragma once
 
 #include <span>
@@ -15,20 +16,23 @@ namespace ubs {
 
 class CameraRefiner {
  public:
-  // `initial` tells how far away things are, which decides the pivots. `train` must outlive the object.
+  // Estimates from `initial` how far away the scene is from each camera. This distance is the depth of the
+  // camera's pivot. `train` must outlive the object.
   CameraRefiner(const Split& train, const SplatModel& initial, RefineCameras what);
 
   const std::vector<Camera>& cameras() const { return cameras_; }
-  // With the lens as it is now, where a training view was given the same one: cameras of one lens share it.
+  // Returns `camera` with the refined lens (focal lengths and principal point), if a training view was given
+  // the same lens. Cameras that were given the same lens keep sharing one.
   Camera with_lens(const Camera& camera) const;
 
-  // A step of every camera on images reduced by `factor` or more, and then the gauge. `done`: the share of
-  // the sweeps that came before.
+  // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
+  // hold_gauge(). `done` is the share of all sweeps that have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
-  // Seconds that a sweep takes, by those of one camera, which stays as it is.
+  // Returns the estimated time of a sweep in seconds. The function measures the step of one camera, without
+  // changing this camera, and derives the time of all cameras from it.
   double sweep_seconds(const Drawing& drawing, int factor) const;
 
-  // Of each view: rotation, translation, fx, fy, cx, cy and the depth of its pivot.
+  // Returns 17 numbers per view: rotation, translation, fx, fy, cx, cy and the depth of the pivot.
   std::vector<double> state() const;
   void set_state(std::span<const double> state);
 
@@ -41,10 +45,10 @@ class CameraRefiner {
   RefineCameras what_;
   std::vector<Camera> given_, cameras_;
   std::vector<double> depth_;
-  std::vector<std::size_t> lens_;  // the first view with the same one
+  std::vector<std::size_t> lens_;  // for each view, the first view that was given the same lens
 };
 
-// The median depth of splats in the picture; of none, 1.
+// Returns the median depth of the splats in the image of the camera, or 1 if there are none.
 double pivot_depth(const Camera& camera, const SplatModel& model);
 
 }  // namespace ubs

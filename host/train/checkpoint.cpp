@@ -58,7 +58,7 @@ TimeBudget read_budget(const Json& json) {
   return budget;
 }
 
-// Numbers of all parts of a state.
+// Element counts of the parts of a state.
 struct Sizes {
   std::uint64_t values, moments, loss_sums, appearance, sky, cameras;
 };
@@ -93,7 +93,7 @@ Json header_of(const Checkpoint& c, std::uint64_t splats, const Sizes& sizes) {
           {"settings", settings_json(c.settings)}};
 }
 
-// Takes pieces from the front of a file's content.
+// Reads the content of a file from front to back.
 class Reader {
  public:
   Reader(std::span<const std::byte> content, std::string name) : rest_(content), name_(std::move(name)) {}
@@ -200,7 +200,7 @@ class CheckedFile {
     size_ += bytes.size();
   }
   void write_word(std::uint32_t value) { write(std::array{value}); }
-  // Leaves room for what another rank writes, with this CRC-32.
+  // Skips bytes that another rank writes and that have this CRC-32.
   void skip(std::uint64_t bytes, std::uint32_t crc) {
     file_.skip(bytes);
     crc_ = crc32_joined(crc_, crc, bytes);
@@ -219,7 +219,8 @@ class CheckedFile {
   std::uint32_t crc_ = 0;
 };
 
-// What ranks do together and may fail on one of them alone, by a full disk: then it fails on all.
+// Runs work that all ranks do together. If it fails on one rank, for example because a disk is full, it fails
+// on all ranks.
 class Steps {
  public:
   explicit Steps(Communicator& ranks) : ranks_(ranks) {}
@@ -241,10 +242,10 @@ class Steps {
   Communicator& ranks_;
 };
 
-// Of the parts of all ranks.
+// Sums over the parts of all ranks.
 struct Totals {
   std::uint64_t splats, values, moments;
-  std::uint64_t before;  // splats of the ranks before this one
+  std::uint64_t before;  // number of splats that the ranks before this one hold
 };
 
 std::uint64_t splats_before(Communicator& ranks, std::uint64_t count) {
@@ -254,12 +255,12 @@ std::uint64_t splats_before(Communicator& ranks, std::uint64_t count) {
   return std::accumulate(counts.begin(), counts.begin() + ranks.rank(), std::uint64_t{0});
 }
 
-// What a rank wrote of a row.
+// The part of one row that a rank has written.
 struct RowPart {
   std::uint64_t bytes, crc;
 };
 
-// Parameters and moments, row by row, of the splats that this rank has.
+// Writes the parameters and moments of this rank's splats, row by row.
 std::vector<RowPart> write_rows(const std::filesystem::path& temporary, std::uint64_t begin,
                                 const TrainState& s, const Totals& all) {
   PartOfFile part(temporary);

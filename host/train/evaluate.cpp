@@ -15,7 +15,7 @@ namespace {
 
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
-// (3, height, width) -> (3, rows, pitch).
+// Pads planes from (3, height, width) to (3, rows, pitch).
 std::vector<float> padded(const std::vector<float>& planes, const ImageShape& shape) {
   std::vector<float> out(3 * shape.plane());
   const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
@@ -33,7 +33,9 @@ PhotographPixels images_of(Device& device, const Target& target, const ImageShap
   return p;
 }
 
-// The same on the host, where windows and pixels that do not count can be left out.
+// Measures `more` on a view with a mask. SSIM is computed on the host, where windows with pixels that do not
+// count can be skipped. LPIPS is computed on an image in which these pixels have the values of the
+// photograph.
 void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
                     ViewMetrics& view) {
   const ImageShape shape = renderer.shape();
@@ -55,7 +57,7 @@ void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer
                  {.size = size, .bytes = target.image});
 }
 
-// Both images of the view drawn last.
+// Measures `more` on the view that was rendered last.
 void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
                   ViewMetrics& view) {
   if (target.mask.size > 0) return measure_masked(device, more, renderer, target, view);
@@ -68,8 +70,8 @@ void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, 
   view.lpips = more.lpips(drawn, truth);
 }
 
-// What measure_more() has found of each view, from the rank that has drawn it to all. JSON keeps every bit of
-// a double.
+// Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. JSON
+// preserves every bit of a double.
 void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
   if (ranks.size() == 1) return;
   const auto size = static_cast<std::size_t>(ranks.size());
@@ -173,7 +175,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
                  std::uint32_t first_camera, ImageMetrics* more, Appearance fit) {
   Metrics metrics;
   metrics.views.resize(views.size());
-  // Those of the fitted images come behind those of the images as they are.
+  // The sums for the images after the appearance fit are stored after those for the unchanged images.
   Buffer<float> sums(device, "metric sums", (fit == Appearance::none ? 8 : 16) * views.size());
   if (ranks.size() > 1) sums.zero();
   Buffer<float> appearance;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image quality of a model on the views of a split (method.md 4.7): the render is clamped to [0, 1] and
-// compared in floating point with the 8-bit ground truth.
+// evaluate() measures the image quality of a model on the views of a split (method.md 4.7): it renders each
+// view, clamps the image to [0, 1] and compares it in floating point with the 8-bit ground truth.
 #pragma once
 
 #include <functional>
@@ -25,29 +25,32 @@ struct FittedMetrics {
 
 struct ViewMetrics {
   std::string name;
-  double psnr_channel_mean = 0;  // mean over channels of 10 log10(1 / mse), as the paper's code has it
-  double psnr = 0;               // of the joint mse
+  double psnr_channel_mean = 0;  // mean over the channels of 10 log10(1 / mse), as in the code of the paper
+  double psnr = 0;               // from the mse of all channels together
   double ssim = 0;               // zero-padded, 11 x 11 Gaussian
-  std::optional<double>
-      ssim_valid;                 // over the windows inside of the image; where ImageMetrics were asked for
-  std::vector<NamedValue> lpips;  // likewise, of each network and input range
-  std::optional<FittedMetrics> fitted;  // where asked for; the other numbers are of the render as it is
-  std::optional<FittedMetrics> posed;   // from the pose that fits best, where cameras are refined
+  // SSIM over the windows that are inside the image; only if ImageMetrics were requested.
+  std::optional<double> ssim_valid;
+  std::vector<NamedValue> lpips;  // one for each network and input range; only if ImageMetrics were requested
+  // Values after a fit of the appearance, if one was requested. All other values are without such a fit.
+  std::optional<FittedMetrics> fitted;
+  std::optional<FittedMetrics> posed;  // from the pose that fits best; only if cameras are refined
 };
 
 struct Metrics {
   std::vector<ViewMetrics> views;
-  ViewMetrics mean;  // of the views' values
+  ViewMetrics mean;  // mean of the values of the views
 };
 
-// From the eight sums of Stages::image_loss.
+// Computes the metrics of a view from the eight sums of Stages::image_loss.
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums);
-// Averages the views into `mean`; ssim_valid only where every view has one.
+// Stores the averages over the views in `mean`. `mean` has ssim_valid only if every view has one.
 void add_mean(Metrics& metrics);
 
-// Renders every view and measures it. `first_camera` is the renderer's index of the first view. What `more`
-// measures makes the device wait once a view, and a network takes far longer than drawing. `fit`: measures
-// again after the colour map of this kind that fits the render best to the image.
+// Renders and measures every view. `first_camera` is the index of the first view among the renderer's
+// cameras. If `more` is given, its metrics are measured too; this waits for the device once per view, and its
+// networks take far longer than rendering. If `fit` is given, the function also fits a colour map of this
+// kind for each view, which brings the render as close as possible to the photograph, and measures the mapped
+// render too.
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none,
@@ -56,13 +59,15 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
 
-// The views again from these cameras, into `posed`. Replaces the renderer's cameras.
+// Measures the views again from these cameras and stores the result in `posed`. Replaces the renderer's
+// cameras.
 void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                   const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
                   std::uint32_t first_target, Metrics& metrics);
 
-// Several ranks share the views, and all get the same answer. `draw` brings a view into the renderer; it is
-// called equally often on every rank, at the end with numbers behind the last view.
+// This overload of evaluate() is for several ranks. They divide the views among them, and all get the same
+// result. `draw` renders a view into the renderer. Every rank calls it equally often; surplus calls pass an
+// index beyond the last view.
 using DrawView = std::function<void(std::size_t view)>;
 Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawView& draw,
                  Communicator& ranks, const std::vector<View>& views, TargetImages& targets,

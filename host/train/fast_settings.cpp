@@ -12,24 +12,29 @@
 namespace ubs {
 namespace {
 
-// Refinements take an Adam step and the moments of what they move: every 100th iteration, as published, not
-// every 100th of 30 000 (docs/results/2026-11-21-quality-per-second.md).
+// A refinement costs one Adam step and resets the moments of the splats that it moves. So fast runs refine
+// every 100th iteration, as published, instead of scaling this interval with the length of the run
+// (docs/results/2026-11-21-quality-per-second.md).
 constexpr int kRefineEvery = 100, kMinRefinements = 10;
-constexpr double kGrownAt = 0.5;  // share of the run after which no splats are added
-// Positions that start at random have a way to go, the same in few steps as in many: the published rate times
-// 30 000 iterations. Faster ones than kFastest break what is there.
+constexpr double kGrownAt = 0.5;  // share of the run by which growth reaches the maximum number of splats
+// Randomly placed splats have to travel, and the distance is the same in short and in long runs: kFarTravel
+// is about the published rate times 30 000 iterations. Rates above kFastest destroy structure that the model
+// already has.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
-// Points of the data are better splats than those that growth adds.
+// Points of the data make better splats than those that growth adds, so more of them are kept.
 constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnIteration = 40,
               kMinSplats = 10000;
 
-// fast_settings() is of a run of kShortRun iterations and less. Rates of longer ones, and their shares
-// on coarse images, fall as powers of their number (docs/results/2026-11-22-long-schedules.md).
+// fast_settings() holds for runs of kShortRun iterations or fewer. In longer runs, the learning rates and the
+// shares of the work on coarse images fall as powers of the number of iterations
+// (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
-constexpr double kMovingCooldown = 0.6;  // of the direct form: docs/results/2026-11-24-budgets.md
+// This value is for models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
+constexpr double kMovingCooldown = 0.6;
 constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
-constexpr double kDirectionPower = 1.2;  // of beta_dir_init: photographs with points, of what does not move
+// Exponent for beta_dir_init. It only applies to photographs of static scenes with initial points.
+constexpr double kDirectionPower = 1.2;
 struct FallingRate {
   const char* key;
   double TrainSettings::*rate;
@@ -44,13 +49,15 @@ double fallen(double value, double power, int iterations) {
   return value * std::pow(std::max(1.0, double{1} * iterations / kShortRun), -power);
 }
 
-// Whether nobody has chosen the setting `key`, which schedules have at `usual`.
+// Returns whether the setting `key` may be adapted: the user has not chosen it, and it still has the value
+// `usual`.
 template <typename Value>
 bool is_free(const TrainSettings& s, const char* key, const Value& value, const Value& usual) {
   return value == usual && !s.chosen.contains(key);
 }
 
-// Few digits, for people who read config.yaml.
+// Adapts the falling settings to the number of iterations. Values are rounded to a few digits to keep
+// config.yaml readable.
 void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
   const TrainSettings base = fast_settings();
   const auto fall = [&](const char* key, double TrainSettings::*value, double power) {
@@ -67,7 +74,8 @@ void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
                              fallen(step.share, kPyramidPower, iterations));
 }
 
-// The direct form with time, which runs take where things move.
+// Returns whether the model has a time dimension and direct conditioning, which is the default for dynamic
+// scenes.
 bool moves(const TrainSettings& s) { return s.dim != kAutoInt && has_time(s.dim) && s.variant.direct(); }
 
 int refine_interval(int iterations) { return std::clamp(iterations / kMinRefinements, 1, kRefineEvery); }
@@ -106,7 +114,8 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   s.iterations = iterations;
   if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
     s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points, moves(s)));
-  // Where pictures place points, auto repeats it.
+  // If points are triangulated from the images (points > 0), init_points stays at auto, so that a run with
+  // the same settings triangulates them again.
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
@@ -127,7 +136,8 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (first < kGrownAt && !s.refine.empty() && is_free(s, "growth", s.growth, standard.growth)) {
     const double start = static_cast<double>(first_splats(s, points));
     const double events = std::max(1.0, std::floor((kGrownAt - first) * iterations / interval));
-    // A short text; and as many steps more as the splats lost to rounding down ask for.
+    // Round the growth factor up to four decimals, which keep config.yaml readable. Increase it further until
+    // the schedule reaches cap_max, because each refinement rounds the number of splats down.
     const double ratio = std::max(1.0, s.cap_max / start);
     double steps = std::ceil(std::pow(ratio, 1 / events) * 1e4);
     const auto grown = [&] {

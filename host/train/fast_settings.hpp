@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of a training that gets along with fewer than the published 30 000 iterations
-// (docs/budget.md).
+// fast_settings() returns the settings for trainings with fewer than the published 30 000 iterations, and
+// fast_settings_for() adapts them to the number of iterations and to the data (docs/budget.md).
 #pragma once
 
 #include <array>
@@ -10,32 +10,34 @@
 
 namespace ubs {
 
-// What fast runs start from: higher rates, directions that begin wide, coarse images first.
-// data_specs/fast.yaml holds the same.
+// Returns the settings that fast runs start from: higher learning rates, splats that are visible from a wide
+// range of directions at first, and coarse images at the start of the run. data_specs/fast.yaml contains the
+// same values.
 TrainSettings fast_settings();
 
-// The opacity penalty for views that are parts of wide images. An iteration trains one view, and the penalty
-// acts on all splats. Views that look in all directions leave most splats without a gradient, so that they
-// fade.
+// The weight of the opacity penalty if the views are parts of wide images. Each iteration trains one view,
+// but the penalty acts on all splats. If the views look in all directions, most splats get no gradient in an
+// iteration, and the penalty would make them fade.
 inline constexpr double kWideOpacityReg = 0;
 
-// What the training pictures say about the settings.
+// PictureFacts holds properties of the training images that influence the settings.
 struct PictureFacts {
-  std::size_t random_points = SIZE_MAX;  // more splats than that are not drawn at random
-  bool lone_object = false;              // nothing is to be seen behind what they show
-  bool few_photographs = false;          // which are soon learnt by heart
-  bool wide_images = false;              // views are parts of them
+  std::size_t random_points = SIZE_MAX;  // maximum number of splats that are placed at random
+  bool lone_object = false;              // the images show an object in front of a plain background
+  bool few_photographs = false;          // a small number of images, which a model overfits quickly
+  bool wide_images = false;              // the views are parts of wide images
 };
 
-// Returns the settings of a run of so many iterations that starts with `initial` splats, 0 where they are
-// drawn at random: rates, most splats, refinement and growth. What differs from fast_settings(), or what
-// TrainSettings::chosen names, is somebody's choice and stays.
+// Returns the settings of a run of `iterations` iterations that starts with `initial` splats (0: they are
+// placed at random). It sets learning rates, the maximum number of splats, refinement and growth. Values that
+// differ from the default schedule, and the settings named in TrainSettings::chosen, were chosen by the user
+// and are not changed.
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t initial,
                                 const PictureFacts& pictures = {});
-// Returns how many splats such a run starts with.
+// Returns the number of splats that such a run starts with.
 std::size_t first_splats(const TrainSettings& settings, std::size_t initial);
-// Returns how many splats such a run ends with, unless cap_max says otherwise. `moving`: of the direct form
-// with time.
+// Returns the number of splats that such a run ends with, unless cap_max limits it. `moving`: the model has a
+// time dimension and direct conditioning.
 int fast_run_splats(int iterations, std::size_t initial, bool moving);
 
 }  // namespace ubs

@@ -15,7 +15,7 @@ constexpr double kAppearanceRidge = 1e-6, kMinGain = 1e-3;
 using Vector4 = std::array<double, 4>;
 using Matrix4 = std::array<Vector4, 4>;
 
-// Of a positive definite matrix, by elimination.
+// Solves m x = right for a positive definite matrix m by Gaussian elimination.
 Vector4 solve_definite(Matrix4 m, Vector4 right) {
   for (std::size_t k = 0; k < 4; ++k)
     for (std::size_t i = k + 1; i < 4; ++i) {

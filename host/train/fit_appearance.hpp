@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The exposure and white balance that bring a render nearest to a photograph, in closed form: held-out views
-// have none of their own.
+// fit_appearance() computes in closed form the exposure and white balance that bring a render closest to a
+// photograph. It is needed for held-out views, because training only optimises the appearance of training
+// images.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +14,11 @@ namespace ubs {
 
 struct PhotographPixels {
   std::vector<std::uint8_t> planes;  // (3, height, width)
-  std::vector<std::uint8_t> mask;    // (height, width): 0 = does not count; empty: all do
+  std::vector<std::uint8_t> mask;    // (height, width); 0: the pixel does not count; empty: all pixels count
 };
 
-// The twelve numbers of kernels/math/appearance.h with the least squared error, before clamping. A ridge of a
-// millionth holds what the pixels do not determine at neutral.
+// Returns the twelve numbers of kernels/math/appearance.h that minimise the squared error before clamping. A
+// ridge of 1e-6 per pixel keeps numbers that the pixels do not determine at their neutral values.
 std::vector<float> fit_appearance(const RenderedView& render, const PhotographPixels& photograph,
                                   Appearance fit);
 

@@ -10,15 +10,19 @@
 namespace ubs {
 namespace {
 
-constexpr double kStepPixels = 0.25;  // of the differences: renders are smooth over less than a pixel
+// Step of the finite differences; renders are smooth over less than a pixel.
+constexpr double kStepPixels = 0.25;
 constexpr double kSettledPixels = 5e-3;
-constexpr double kMaxStep = 0.03;  // [rad]: before a faint model cameras would fly away
-constexpr int kFittingSteps = 20;  // of each size of the image, at most
-constexpr int kSearched = 3;  // [px of the reduced image] to all sides: steps alone end in the next minimum
+constexpr double kMaxStep = 0.03;  // [rad]; without this limit, cameras diverge while the model is faint
+constexpr int kFittingSteps = 20;  // maximum number for each size of the image
+// Search range in all directions, in pixels of the reduced image. Without a search, the steps may end in a
+// local minimum nearby.
+constexpr int kSearched = 3;
 constexpr double kFirstDamping = 1e-3, kMinDamping = 1e-6, kMaxDamping = 1e4;
 
-// A turn w about the pivot and a shift of it by `depth` s move the centre by
-// depth (w_y - s_x, -w_x - s_y, -s_z) in the camera's frame.
+// Computes the deviation from the inverse of the matrix. A rotation w about the pivot and a shift of the
+// pivot by `depth` times s move the camera centre by depth (w_y - s_x, -w_x - s_y, -s_z) in the camera's
+// frame.
 CameraDeviation deviation_of(const NormalEquations& at, double depth) {
   std::array<CameraMove, kPoseMoves> c{};  // the inverse
   for (std::size_t k = 0; k < kPoseMoves; ++k) {
@@ -63,7 +67,8 @@ void PoseFit::draw(std::span<const Camera> cameras) {
   for (std::uint32_t i = 0; i < small.size(); ++i) {
     drawing_.renderer.forward(drawing_.groups, i, drawing_.settings, false);
     images_.push_back(drawing_.renderer.download().rgb);
-    for (float& value : images_.back()) value = std::clamp(value, 0.0f, 1.0f);  // as a photograph ends
+    // The values of a photograph are limited to this range too.
+    for (float& value : images_.back()) value = std::clamp(value, 0.0f, 1.0f);
   }
 }
 
@@ -109,7 +114,7 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
   return out;
 }
 
-// Shifts of the pivot by whole pixels.
+// Tries all shifts of the pivot by whole pixels.
 Camera PoseFit::search(const Camera& camera) {
   Camera best = camera;
   double least = squares(camera);

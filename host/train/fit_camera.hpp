@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pose from which a fixed model looks most like a photograph, in squared error: Gauss-Newton with
-// differences of drawn images (method.md 4.10).
+// fit_camera() finds the camera pose from which a fixed model looks most like a photograph, in squared error.
+// It uses Gauss-Newton steps with finite differences of rendered images (method.md 4.10).
 #pragma once
 
 #include <array>
@@ -12,9 +12,9 @@
 
 namespace ubs {
 
-// What a camera is compared through.
+// The renderer and the model with which the image of a camera is rendered.
 struct Drawing {
-  Renderer& renderer;  // whose cameras are replaced
+  Renderer& renderer;  // its cameras are replaced
   std::span<const RenderGroup> groups;
   RenderSettings settings;
 };
@@ -22,32 +22,37 @@ struct Drawing {
 struct NormalEquations {  // matrix * move = right
   std::array<CameraMove, kCameraMoves> matrix{};
   CameraMove right{};
-  double squares = 0, values = 0;  // residuals: the sum of their squares, how many
+  double squares = 0, values = 0;  // sum of the squared residuals; number of residuals
 };
 
-// With the first `moves` moves; the others are 0. NaN where the matrix is not definite.
+// Solves the equations for the first `moves` moves and sets the others to 0. Returns NaN if the matrix is not
+// definite.
 CameraMove solve_normal(NormalEquations equations, std::size_t moves);
 
-// What keeps a pose, beside its image.
+// Terms that hold back a pose, in addition to the comparison with its image.
 struct PoseHold {
-  double ridge =
-      0;  // this share of the largest diagonal entry of J^T J holds back what the image hardly shows
-  double stretch = 1;  // steps are made longer by it
+  // This share of the largest diagonal entry of J^T J is added to the diagonal. It holds back moves that
+  // hardly change the image.
+  double ridge = 0;
+  double stretch = 1;  // factor by which steps are lengthened
   const Camera* given = nullptr;
-  double prior = 0;  // and this share times the squared move to `given` is added to the squared error
+  // Weight of the squared move to `given` in the squared error, as a share of the same entry.
+  double prior = 0;
 };
 
-// A photograph, reduced by `factor`, and the model.
+// PoseFit fits the pose of a camera, given the model and a photograph that is reduced by `factor`.
 class PoseFit {
  public:
-  // `depth`: of the pivot.
+  // `depth` is the distance of the pivot from the camera.
   PoseFit(const Drawing& drawing, const Image8& photograph, int factor, double depth);
 
-  // The matrix J^T J and -J^T r of the residuals r, with the first `moves` moves (6 or 10).
+  // Returns the matrix J^T J and the right side -J^T r for the residuals r, with respect to the first `moves`
+  // moves (6 or 10).
   NormalEquations linearise(const Camera& camera, std::size_t moves);
-  // Of this camera and those from which the image is shifted by up to three pixels, the one that fits best.
+  // Compares this camera and the cameras whose image is shifted by up to three pixels, and returns the one
+  // that fits best.
   Camera search(const Camera& camera);
-  // Levenberg-Marquardt in the pose, at most `steps` steps.
+  // Optimises the pose with at most `steps` Levenberg-Marquardt steps.
   Camera descend(Camera camera, int steps, const PoseHold& hold = {});
 
  private:
@@ -63,9 +68,9 @@ class PoseFit {
   std::vector<std::vector<float>> images_;
 };
 
-// Deviations of a pose, as means over the axes: of turns [rad] and of the centre [world units]. From the
-// inverse of J^T J times the mean squared residual: the model is taken as true and pixels as independent,
-// which they are not, so these are lower bounds.
+// Standard deviations of a pose, averaged over the axes: of rotations [rad] and of the centre [world units].
+// They are computed from the inverse of J^T J times the mean squared residual. This assumes that the model is
+// exact and that pixels are independent. Neither is true, so the values are lower bounds.
 struct CameraDeviation {
   double turn = 0, centre = 0;
 };
@@ -75,7 +80,8 @@ struct FittedCamera {
   CameraDeviation deviation;
 };
 
-// From reduced images to the whole one. `fits`: false leaves the pose as it is and finds its deviation alone.
+// Fits the pose first on reduced images and then on the full image. If `fits` is false, it keeps the pose and
+// only computes its deviation.
 FittedCamera fit_camera(const Drawing& drawing, const Image8& photograph, const Camera& start, double depth,
                         bool fits = true);
 

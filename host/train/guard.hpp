@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training does when a parameter, a gradient or the loss is not finite (docs/training.md). The watched
-// Adam step (host/device/stages.hpp) notices and does nothing from there on; Guard looks, and answers with
-// the state that training goes on from.
+// Guard decides how training continues when a parameter, a gradient or the loss is not finite
+// (docs/training.md). The watched Adam step (host/device/stages.hpp) records the first iteration with such a
+// value and changes nothing afterwards. Guard reads this record at intervals and returns the state from which
+// training continues.
 #pragma once
 
 #include <array>
@@ -19,59 +20,67 @@
 
 namespace ubs {
 
-inline constexpr int kMaxRollbacks = 3;           // of a run
-inline constexpr double kMaxDroppedShare = 0.01;  // of the splats, over a run; but always kFewDropped
+inline constexpr int kMaxRollbacks = 3;  // maximum per run
+// Maximum share of the splats that may be dropped in a run; kFewDropped splats are always allowed.
+inline constexpr double kMaxDroppedShare = 0.01;
 inline constexpr std::uint64_t kFewDropped = 10;
 
-// A value that is not finite: the iteration that it was found in, where it came from, and all splats with
-// such a parameter or moment, ascending.
+// An occurrence of values that are not finite: the iteration in which it was found, its source, and all
+// splats that have such a parameter or moment, in ascending order.
 struct NonFiniteEvent {
   int iteration = 0;
   NonFiniteSource source;
   std::vector<std::uint32_t> splats;
 };
 
-// Splats with a parameter or moment that is not finite, ascending.
+// Returns the splats that have a parameter or moment that is not finite, in ascending order.
 std::vector<std::uint32_t> splats_not_finite(const TrainState& state);
 
-// Makes the splats dead, that is: finite, nearly transparent and small, where they were when that is known.
-// Moments become zero. Relocation finds them and puts them where splats are wanted.
+// Makes the splats dead: their parameters become finite, nearly transparent and small. They keep their
+// positions if these are finite. Their moments become zero. The next relocation moves dead splats to places
+// where splats are needed.
 void kill_splats(TrainState& state, const std::vector<std::uint32_t>& splats);
 
 class Guard {
  public:
   Guard(Device& device, OnNan on_nan);
 
-  // For the steps that are watched; an empty view where none is.
+  // Returns the buffer in which watched steps record values that are not finite. The view is empty if on_nan
+  // is off.
   BufferView<std::uint32_t> sentinel() const { return sentinel_.view(); }
-  // Called with a message for every event after which training goes on.
+  // `report` is called with a message for every event after which training continues.
   void on_event(std::function<void(const std::string&)> report) { report_ = std::move(report); }
 
-  // After every iteration. `left_out`: it had no gradient.
+  // Must be called after every iteration. `left_out`: the iteration had no gradient, because all of its views
+  // were skipped.
   void stepped(const TrainProgress& progress, bool left_out);
-  // Whether to look now; `before_others`: somebody else is about to read or change the state.
+  // Returns whether look() must be called now. `before_others`: the state is about to be read or changed by
+  // something other than the Adam step.
   bool due(int iteration, bool before_others) const;
-  // True when all is finite. Otherwise the progress becomes that of the first iteration with a value that is
-  // not: the steps since then did nothing. Waits.
+  // Waits for the device and returns true if all values are finite. Otherwise it sets `progress` to the first
+  // iteration with a value that is not finite; the steps since then have changed nothing.
   bool look(TrainProgress& progress);
 
-  // What a rollback goes back to.
+  // wants_state() returns whether a state for rollbacks is still needed. keep() sets the state to which a
+  // rollback returns.
   bool wants_state() const { return on_nan_ == OnNan::rollback && !good_; }
   void keep(TrainState state);
-  // The state was set from outside.
+  // Must be called after the state was set from outside.
   void restart(const TrainState& state);
-  // The state to go on from, of `state` in which the event was found; throws Error(numerical) when training
-  // stops. Both messages name iteration, stage, view and splats.
+  // Returns the state from which training continues, given the `state` in which the event was found. Throws
+  // Error(numerical) if training must stop. The error and the report contain the iteration, stage, view and
+  // splats.
   TrainState answer(const NonFiniteEvent& event, TrainState state, TrainingViews& views);
 
  private:
-  static constexpr std::size_t kLookEvery = 16;  // iterations between looks at the sentinel, at most
+  // Maximum number of iterations between two looks at the sentinel.
+  static constexpr std::size_t kLookEvery = 16;
 
   OnNan on_nan_;
   Buffer<std::uint32_t> sentinel_;  // (1): iteration of the first value that is not finite; 0: none
-  int looked_ = 0;                  // iteration of the last look
-  bool left_out_ = false;           // the last iteration
-  std::array<std::uint64_t, kLookEvery + 1> adam_steps_{};  // by iteration modulo its size
+  int looked_ = 0;                  // iteration of the last call of look()
+  bool left_out_ = false;           // whether the last iteration had no gradient
+  std::array<std::uint64_t, kLookEvery + 1> adam_steps_{};  // indexed by iteration modulo the size
   std::optional<TrainState> good_;
   std::function<void(const std::string&)> report_;
 };

@@ -18,10 +18,11 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kFewSplats = 4096;
-// From here on splats are sorted by other kernels (host/opencl/lists.cpp).
+// From this number of splats on, other kernels sort them (host/opencl/lists.cpp).
 constexpr std::size_t kManySplats = std::size_t{1} << 20;
 
-// Those that can need other kernels: the smallest, the largest, one with a mask and one without.
+// Returns the views that may need different kernels: the smallest, the largest, one with a mask and one
+// without.
 std::vector<const View*> different_views(const Split& split) {
   std::vector<const View*> views;
   const auto take = [&](auto at) {

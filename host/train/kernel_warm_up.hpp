@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// KernelWarmUp does everything that a training does on its device, once, on a model of its own. OpenCL
-// drivers compile a kernel when it is first launched, which takes memory, disk and seconds: better before the
-// first step than at the first relocation, hours later.
+// KernelWarmUp executes every operation of a training once, on a copy of a model. OpenCL drivers compile a
+// kernel when it is first launched, which takes memory, disk space and seconds. The warm-up moves this to the
+// start of the run. Otherwise a failure might not appear until a relocation hours later.
 #pragma once
 
 #include <memory>
@@ -18,14 +18,15 @@ namespace ubs {
 
 class KernelWarmUp {
  public:
-  // On `view`, which must have an image, and a copy of `model`, which is grown if training grows it.
+  // Prepares the warm-up for `view`, which must have an image, and for a copy of `model`. The copy grows if
+  // training grows the model.
   KernelWarmUp(Device& device, const TrainSettings& settings, const View& view, const SplatModel& model);
 
   Stages& stages() { return *stages_; }
-  // A step in every form that training knows, relocation, growth and noise, through `stages`: its own or what
-  // records them.
+  // Executes every variant of a training step, and relocation, growth and noise, on `stages`. These are
+  // stages() or an object that records the calls to it.
   void learn(Stages& stages);
-  // An evaluation of the view, as training does it or with `more`.
+  // Evaluates the view as training does, with the additional metrics of `more` if it is given.
   void evaluate(ImageMetrics* more);
 
  private:
@@ -39,17 +40,19 @@ class KernelWarmUp {
   Buffer<std::uint32_t> sentinel_;
 };
 
-// The model with `target` splats, as relocation and growth leave copies (docs/method.md 4.3): the light that
-// passes all of them is what passed the one.
+// Returns the model with `target` splats, which are copies of the original ones as relocation and growth
+// create them (docs/method.md 4.3): the opacities are reduced, so that all copies of a splat together
+// transmit as much light as the original splat.
 SplatModel copies(const SplatModel& model, std::size_t target);
 
-// What a view with its gradient takes on this device: for comparing devices, so that large models are cut.
+// Returns the seconds that one view with its gradient takes on this device. This serves to compare devices,
+// so at most 200 000 splats are used.
 double view_seconds(Device& device, const TrainSettings& settings, const Split& train,
                     const SplatModel& model);
 
-// Has the device compile every kernel that training these splits from `initial` can launch, and measuring the
-// result with `more`. Throws what the first steps would, and Error(memory) where what comes later certainly
-// does not fit.
+// Makes the device compile every kernel that can be launched by training these splits from `initial`, and by
+// measuring the result with `more`. Throws the errors that the first steps would throw, and Error(memory) if
+// a later part of the training certainly does not fit into memory.
 void build_kernels(Device& device, const TrainSettings& settings, const Split& train, const Split& test,
                    const SplatModel& initial, ImageMetrics* more = nullptr);
 

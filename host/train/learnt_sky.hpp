@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LearntSky is the background of a training where it is learnt: one colour, or a sky of spherical harmonics
-// (method.md 4.9). Without it nothing happens here.
+// LearntSky optimises the background during training: a single colour, or a sky of spherical harmonics
+// (method.md 4.11). If the background is not learnt, its methods do nothing.
 #pragma once
 
 #include <span>
@@ -16,12 +16,13 @@ class LearntSky {
  public:
   LearntSky(Device& device, const TrainSettings& settings, ViewPasses& passes, std::uint64_t batch);
 
-  // For a step: forgets the gradients of the last one, adds that of the view that has been drawn, steps.
+  // The parts of one step: clear() sets the gradients of the previous step to zero, add_gradient() stores the
+  // gradient of the view that was rendered last, and step() updates the background.
   void clear();
   void add_gradient(std::uint64_t draw);
   void step(Stages& stages, int iteration, double rate, BufferView<std::uint32_t> sentinel);
 
-  std::vector<float> state() const;  // of TrainState; empty: not learnt
+  std::vector<float> state() const;  // for TrainState; empty if the background is not learnt
   void load(std::span<const float> state);
 
  private:
@@ -29,7 +30,7 @@ class LearntSky {
   ViewPasses& passes_;
   const std::uint64_t batch_;
   const bool harmonics_;
-  Buffer<float> gradients_;  // (batch, 27), or none: the background is not learnt
+  Buffer<float> gradients_;  // (batch, 27); no buffer if the background is not learnt
 };
 
 }  // namespace ubs

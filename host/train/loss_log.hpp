@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LossLog keeps on the device what Stages::image_loss says of the views since the last report: rows of eight
-// sums, by draw.
+// LossLog stores the results of Stages::image_loss on the device for all views since the last report: one row
+// of eight sums per draw.
 #pragma once
 
 #include <span>
@@ -28,7 +28,7 @@ class LossLog {
       fail(ErrorKind::internal, "{} loss sums for {}", sums.size(), sums_.size());
     sums_.upload(sums);
   }
-  // Returns the loss of a draw, of what was downloaded.
+  // Returns the loss of a draw. `sums` is the result of download().
   double loss(const std::vector<float>& sums, std::uint64_t draw) const {
     return loss_value(weights_, std::span(sums).subspan(offset(draw), 8));
   }

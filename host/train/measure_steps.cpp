@@ -10,8 +10,8 @@ namespace ubs {
 namespace {
 
 constexpr int kEndless = 1'000'000;           // iterations
-constexpr int kMinSteps = 3, kMaxSteps = 20;  // measured on a level, after one that warms up
-constexpr double kEnoughSeconds = 0.03;       // for these
+constexpr int kMinSteps = 3, kMaxSteps = 20;  // number of measured steps per level, after one warm-up step
+constexpr double kEnoughSeconds = 0.03;       // measuring a level ends after this time
 
 }  // namespace
 
@@ -20,7 +20,7 @@ TrainSettings measuring_settings(TrainSettings s, std::size_t most) {
   s.iterations = kEndless;
   s.work_shares.clear();
   s.eval_every = "0";
-  s.log_every = 1;  // so that the time of each step is known
+  s.log_every = 1;  // so that each step reports its time
   s.cap_max = static_cast<int>(most);
   if (s.on_nan != OnNan::off) s.on_nan = OnNan::stop;
   return s;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what training steps take on this device, with a model that learns nothing from it.
+// measure_steps() measures how long training steps take on this device. The steps change a copy of the model,
+// which is discarded afterwards.
 #pragma once
 
 #include <vector>
@@ -10,19 +11,21 @@
 
 namespace ubs {
 
-// Returns the settings of a run that takes the steps of `settings`, but keeps its number of splats, of which
-// there may be `most`, and does not end soon.
+// Returns the settings for measuring the steps of `settings`. A run with them does not refine, so that the
+// number of splats, which is at most `most`, stays the same. It has so many iterations that it does not end
+// before the measurement.
 TrainSettings measuring_settings(TrainSettings settings, std::size_t most);
 
-// Returns the milliseconds of a step from this state on, on each level of the image pyramid: the mean over
-// some views. `trainer` has measuring_settings().
+// Returns the milliseconds per step, starting from this state, for each level of the image pyramid. Each
+// value is a mean over several views. `trainer` must have been created with measuring_settings().
 std::vector<double> step_times(Trainer& trainer, const Split& train, TrainState state);
 
-// Returns the costs on each level, from steps with the splats of `initial` and with `most`, copies of them.
+// Returns the costs of a step on each level. They are measured with the splats of `initial` and again with
+// `most` splats, which are copies of them.
 std::vector<StepCost> measure_steps(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial, std::size_t most);
 
-// Returns the state of a run that begins with these splats.
+// Returns the state of a run that starts with these splats.
 TrainState first_state(const Trainer& trainer, SplatModel model, const TrainSettings& settings);
 
 }  // namespace ubs

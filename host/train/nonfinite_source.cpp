@@ -28,10 +28,10 @@ NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingVi
     v_params.zero();
     Buffer<float> sums(device, "loss sums", 8);
     Renderer renderer(device, stages);
-    const auto finite_image = [&](const BufferView<float>& planes) {  // what is beyond the image is undefined
+    const auto finite_image = [&](const BufferView<float>& planes) {  // pixels beyond the image are undefined
       return all_finite(cropped_planes(read_values(device, planes, planes.size), renderer.shape()));
     };
-    const auto finite_records = [&] {  // those of culled splats are undefined
+    const auto finite_records = [&] {  // records of culled splats are undefined
       const BufferView<float> view = renderer.last_lists().records;
       const std::vector<float> records = read_values(device, view, view.size);
       const auto tiles = read_values(device, renderer.tile_counts(), state.model.count);
@@ -61,7 +61,7 @@ NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingVi
         return {"project_backward", view};
     }
     return {"adam", views.batch() == 1 ? static_cast<std::int64_t>(views.view_of(first)) : -1};
-  } catch (const Error&) {  // for example no memory for a second model on the device
+  } catch (const Error&) {  // for example, the device has no memory for a second model
     return {"unknown"};
   }
 }

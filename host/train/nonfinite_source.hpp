@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// find_nonfinite_source repeats the passes of an iteration in which a value was not finite, and looks at the
-// output of each stage until one is not finite. Training calls it only after such a value, for the message.
+// find_nonfinite_source() repeats the passes of an iteration in which a value was not finite, and checks the
+// output of each stage until one is not finite. Training calls it only after such a value, to report where
+// the value came from.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +13,8 @@
 namespace ubs {
 
 struct NonFiniteSource {
-  // The first stage whose output is not finite. "parameters": they were not finite before the iteration.
-  // "adam": everything is finite up to the gradients. "unknown": the passes could not be repeated.
+  // The first stage whose output is not finite. "parameters": the parameters were not finite before the
+  // iteration. "adam": everything is finite up to the gradients. "unknown": the passes could not be repeated.
   std::string_view stage;
   std::int64_t view = -1;  // the training view; -1: none in particular
 };

@@ -21,13 +21,14 @@
 namespace ubs {
 namespace {
 
-constexpr double kViewSeconds = 1;  // spent on intersections of views, at most
+constexpr double kViewSeconds = 1;  // maximum time for counting intersections
 constexpr std::size_t kMinViews = 8, kMaxViews = 256;
-constexpr std::size_t kEndViews = 3;             // drawn at the last number of splats
-constexpr std::uint32_t kMaxCopied = 4'000'000;  // splats at the end; three host copies of 140 bytes each
+constexpr std::size_t kEndViews = 3;  // number of views that are rendered at the final number of splats
+// Maximum number of splats that are copied for measuring; each takes three host copies of 140 bytes.
+constexpr std::uint32_t kMaxCopied = 4'000'000;
 
-// What recorders have noted, in the order of the operations. A model of several dimensions has stages, and a
-// recorder, for each of its groups: they note into one log.
+// StageLog collects the operations that recorders report, in the order of execution. A model with several
+// dimensions has stages and a recorder for each of its groups; all of them write to one log.
 class StageLog {
  public:
   explicit StageLog(Device& device) : device_(device) {}
@@ -71,8 +72,8 @@ class StageRecorder final : public Stages {
   Stages& stages_;
 };
 
-// Draws views in the order of training until the time is spent.
-template <typename Splats>  // a view of one model, or groups
+// Renders views in the order of training until kViewSeconds have passed, and returns their intersections.
+template <typename Splats>  // SplatView, or a span of RenderGroup
 std::vector<std::uint64_t> count_views(Renderer& renderer, const Splats& splats,
                                        const RenderSettings& settings,
                                        const std::vector<std::uint32_t>& views) {
@@ -92,12 +93,13 @@ void take_counts(PlanPoint& point, const std::vector<std::uint64_t>& counts) {
   }
 }
 
-// What a buffer that grows by half at least (Buffer::reserve) ends with after these requests.
+// Returns the capacity of a buffer after a request. Buffers grow by at least half (Buffer::reserve).
 std::uint64_t room_after(std::uint64_t room, std::uint64_t request) {
   return request <= room ? room : std::max(request, room + room / 2);
 }
 
-// From the start's measured views on, as the number of splats grows.
+// Returns the capacity that the list buffers have at the end of the run. It simulates their growth: first for
+// the measured views of the start, then while the number of splats grows.
 std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
                           const std::vector<std::uint64_t>& first_views) {
   std::uint64_t room = 0;
@@ -113,11 +115,11 @@ std::uint64_t room_at_end(const RunPlan& plan, const Schedule& schedule,
   return room;
 }
 
-// One pass of everything that training does, for the kernels that it takes.
+// Executes every operation of a training once and records the kernels that it launches.
 std::vector<StageUse> record_stages(Device& device, const TrainSettings& settings, const Split& train,
                                     const SplatModel& initial) {
   KernelWarmUp warm_up(device, settings, train.views[0], initial);
-  warm_up.learn(warm_up.stages());  // kernels are compiled, images uploaded
+  warm_up.learn(warm_up.stages());  // compiles the kernels and uploads the images
   device.set_profiling(true);
   StageLog log(device);
   StageRecorder recorder(log, warm_up.stages());
@@ -126,7 +128,8 @@ std::vector<StageUse> record_stages(Device& device, const TrainSettings& setting
   return log.uses();
 }
 
-// One view drawn: the projection of each group, then lists and rasteriser of all.
+// Renders one view and records its operations: the projection of each group, then the lists and the
+// rasteriser for all groups.
 std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, const Split& split,
                                      const RenderSettings& settings) {
   StageLog log(device);
@@ -142,12 +145,12 @@ std::vector<StageUse> record_drawing(Device& device, const DeviceGroups& model, 
   return log.uses();
 }
 
-// Intersections and steps with the model copied to its last size.
+// Measures the intersections and the steps with copies of the model that have the final number of splats.
 void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& train,
                  const SplatModel& initial, const std::vector<std::uint32_t>& views,
                  const std::vector<std::uint64_t>& first_views, RunPlan& plan) {
   const TrainState grown = first_state(trainer, copies(initial, plan.end.splats), measuring);
-  trainer.restore(grown);  // on the cameras of the last level
+  trainer.restore(grown);  // with the cameras of the last level
   double before = 0, after = 0;
   for (std::size_t k = 0; k < std::min({kEndViews, views.size(), first_views.size()}); ++k) {
     before += static_cast<double>(first_views[k]);
@@ -166,7 +169,8 @@ void measure_end(Trainer& trainer, const TrainSettings& measuring, const Split& 
   plan.end.measured = true;
 }
 
-// Everything that is proportional to splats or intersections.
+// Scales the measurements of the start to the final number of splats. This is used if the model with that
+// many splats is too large to be measured.
 void scale_end(RunPlan& plan) {
   const double ratio = static_cast<double>(plan.end.splats) / plan.start.splats;
   plan.end.mean_intersections = ratio * plan.start.mean_intersections;
@@ -176,7 +180,8 @@ void scale_end(RunPlan& plan) {
   for (PlanLevel& level : plan.levels) level.end_ms = ratio * level.start_ms;
 }
 
-// The mean step of a run, in which the splats grow between those of the start and of the end.
+// Returns the mean time of a step over the run, while the number of splats grows from the initial to the
+// final number.
 double mean_step_ms(const RunPlan& plan, const Schedule& schedule, const std::vector<PyramidLevel>& levels) {
   std::vector<StepCost> costs;
   const double start = plan.start.splats, end = plan.end.splats;

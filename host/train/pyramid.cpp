@@ -14,7 +14,7 @@ int least_side(const Split& train) {
   return side;
 }
 
-// Sums of one square, over what counts.
+// Sums over one square: of the pixels that count, and of all pixels.
 struct Square {
   unsigned sum[3] = {0, 0, 0}, all[3] = {0, 0, 0}, counted = 0;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training on coarse images first (docs/budget.md): which factor images and cameras are reduced by at an
-// iteration, and the reduction itself. A function of settings and data alone, so that a run can be resumed
-// anywhere.
+// The image pyramid lets training start on coarse images (docs/budget.md). This file determines the factor by
+// which images and cameras are reduced at an iteration, and reduces them. The factor depends only on the
+// settings and the data, so that a run can be resumed at any iteration.
 #pragma once
 
 #include <vector>
@@ -13,23 +13,27 @@ namespace ubs {
 
 struct PyramidLevel {
   int factor = 1;    // both sides of every training image are divided by it
-  double until = 0;  // share of the work where it ends
+  double until = 0;  // share of the work at which the level ends
   bool operator==(const PyramidLevel&) const = default;
 };
 
-inline constexpr int kMinShortSide = 64;  // of a reduced image [px]: less than that holds no scene
+// Minimum side of a reduced image [px]; smaller images show too little of the scene.
+inline constexpr int kMinShortSide = 64;
 
-// The levels of a run over these views, the last one of factor 1 and until the end. A factor that would
-// leave a view with a side shorter than kMinShortSide is halved until none is.
+// Returns the levels of a run on these views. The last level has factor 1 and lasts until the end. If a
+// factor would make a side of a view shorter than kMinShortSide, it is halved until this is no longer the
+// case.
 std::vector<PyramidLevel> pyramid_levels(const TrainSettings& settings, const Split& train);
-// The factor of an iteration counted from 1, and of a share of the work.
+// Returns the factor at an iteration (counted from 1), or at a share of the work.
 int factor_at(const std::vector<PyramidLevel>& levels, const WorkShare& work, int iteration);
 int factor_at(const std::vector<PyramidLevel>& levels, double share);
 
-// The camera whose pixels are squares of factor x factor pixels; a rest at the right and bottom edge is cut.
+// Returns the camera whose pixels cover factor x factor pixels of `camera`. Remaining pixels at the right and
+// bottom edges are cropped.
 Camera reduced(const Camera& camera, int factor);
-// Each pixel is the mean of its square, rounded; where there is a mask, of what counts there, and it counts
-// where half of the square does.
+// Returns the reduced image. Each pixel is the rounded mean of its square of factor x factor pixels. If the
+// image has a mask, the mean is over the pixels that count, and the reduced pixel counts if at least half of
+// its square does.
 Image8 reduced(const Image8& image, int factor);
 
 }  // namespace ubs

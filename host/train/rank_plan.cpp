@@ -21,17 +21,19 @@ namespace {
 constexpr std::size_t kViews = 6, kFewer = 8;
 constexpr int kTimes = 5;
 constexpr std::size_t kRecordBytes = kSplatStride * sizeof(float);
-// Of a drawn splat where it is drawn: record, gradient and that of the view before, key, rect, count and
-// offset.
+// Bytes per visible splat on the rank that renders the view. They hold the record, its gradient and the
+// gradient of the previous view, and also the depth key, the tile rectangle, the count and the offset.
 constexpr double kDrawnBytes = 3 * kRecordBytes + 20;
-constexpr double kRounds = 3;  // that are under way at a time: their records or gradients, and places
+// Number of rounds that are transferred at the same time. The buffers of each round hold the records or the
+// gradients, and DrawnSplats::places.
+constexpr double kRounds = 3;
 
 struct RankTimes {
-  double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;  // [ms], means of the views
-  double splats = 0, drawn = 0, intersections = 0;                    // of a view
+  double whole = 0, project = 0, draw = 0, gradient = 0, update = 0;  // [ms], means over the views
+  double splats = 0, drawn = 0, intersections = 0;                    // per view
 };
 
-// The model on the device with all that a step needs.
+// RankStep holds the model on the device and everything that a step needs.
 class RankStep {
  public:
   RankStep(Device& device, const TrainSettings& settings, const Split& views, const SplatModel& model)
@@ -65,7 +67,7 @@ class RankStep {
                    drawer_.backward_to_records();
                    drawer_.learn(false, penalty(), step());
                  });
-      // As if another rank had sent what this one sends.
+      // Simulates the exchange: the data that this rank sends are received as if another rank had sent them.
       DrawnSplats seen;
       Buffer<float> gradient;
       Freight sent, come, sent_back, come_back;
@@ -116,7 +118,7 @@ class RankStep {
             .learning_rates = rates_.view(),
             .step = 1};
   }
-  // The first time may compile.
+  // Returns the minimum time of kTimes runs. The first run is not counted, because it may compile kernels.
   double least_ms(const std::function<void()>& work) {
     work();
     device_.finish();
@@ -182,19 +184,22 @@ RankPrediction predict_ranks(const RankCosts& costs, double splats, int batch, i
   p.device_bytes += drawn * kDrawnBytes;
   p.device_bytes +=
       kRounds * std::min(batch, ranks) * (drawn / ranks * kRecordBytes + p.splats * sizeof(std::uint32_t));
-  const double rounds = std::ceil(static_cast<double>(batch) / ranks);  // views of the rank with most
+  // Number of views of the rank that renders the most views.
+  const double rounds = std::ceil(static_cast<double>(batch) / ranks);
   p.compute_ms = batch * (costs.project(p.splats) + costs.gradient(p.splats)) + rounds * costs.draw(drawn) +
                  costs.update(p.splats);
-  // Records of its splats and gradients of its views out, gradients of its splats and records of its views
-  // in.
+  // A rank sends the records of its splats and the gradients of its views, and receives the gradients of its
+  // splats and the records of its views.
   const double away = (ranks - 1.0) / ranks;
   p.sent_bytes = away * kRecordBytes * drawn * (static_cast<double>(batch) / ranks + rounds);
   const double doublings = std::ceil(std::log2(ranks));
-  const double messages =
-      2 * rounds * (doublings + ranks - 1) + 4 * doublings;  // sizes, pieces; sums of the step
+  // The first term counts the messages with the sizes and the data of the exchanges. The second counts those
+  // of the sums of the step.
+  const double messages = 2 * rounds * (doublings + ranks - 1) + 4 * doublings;
   const double all_ms =
       1e3 * p.sent_bytes / (1e9 * network.gigabytes_per_second) + 1e-3 * network.latency_us * messages;
-  // What is not of the first records or the last gradients travels while other views are drawn.
+  // Only the first records and the last gradients must be waited for. All other data are transferred while
+  // views are rendered.
   const double hidden = std::min(all_ms * (1 - 1 / rounds), (rounds - 1) * costs.draw(drawn));
   p.network_ms = all_ms - hidden;
   return p;

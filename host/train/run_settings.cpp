@@ -86,16 +86,18 @@ std::vector<std::string> kernel_assignments(const TrainSettings& settings) {
   return assignments;
 }
 
-// On CPUs the wait is one launch in a step of thousands, and the host's thread that runs ahead takes a core
-// (docs/results/2026-11-20-lists.md); on GPUs it drains the queue.
+// On CPUs the wait costs one launch latency, less than a hundredth of a step, whereas a host thread that runs
+// ahead competes with the workers for the cores (docs/results/2026-11-20-lists.md). On GPUs the wait drains
+// the queue.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device) {
   return settings.list_counts == ListCounts::bound ||
          (settings.list_counts == ListCounts::automatic && device.type != DeviceType::cpu);
 }
 
-// Where alpha is below 1/255 a Gaussian has no gradient: opacities must not fall faster than sizes adapt.
-// 0.025 is the rate of 3DGS today; it has 0.005 for ln sigma, but starts from points of a reconstruction, and
-// 0.02 is what random points on lego_200 learn faster with. Measured: docs/results/2026-11-21-accuracy.md.
+// A Gaussian has no gradient where alpha is below 1/255, so opacities must not fall faster than sizes can
+// adapt. lr_opacity 0.025 is the current rate of 3DGS. For lr_scale, 3DGS uses 0.005 (for ln sigma), but it
+// starts from points of a reconstruction. With random points on lego_200, training is faster with 0.02
+// (docs/results/2026-11-21-accuracy.md).
 TrainSettings resolve_automatic(TrainSettings s) {
   const bool gaussian = s.variant.kernel == SpatialKernel::gaussian;
   if (s.noise_lr == kAuto) s.noise_lr = has_time(s.dim) ? 1.0 : 1e6;
@@ -120,7 +122,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       .raster = raster_kind(settings.raster, device),
       .sorts_by_copying = device.sorts_by_copying,
       .compute_units = device.compute_units};
-  std::uint64_t largest = 0;  // bytes of an image
+  std::uint64_t largest = 0;  // bytes of the largest image
   for (const Split* split : {&train, &test})
     for (const View& view : split->views) {
       const Camera& camera = view.camera;
@@ -136,7 +138,7 @@ MemoryQuestion memory_question(const TrainSettings& settings, const Split& train
       }
     }
   if (question.target_bytes > kTargetBudgetBytes)
-    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // staging
+    question.target_bytes = kTargetBudgetBytes + 2 * largest;  // two staging buffers
   return question;
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the settings of a run to what the pipeline takes.
+// The functions of this file convert the settings of a run into the inputs of the pipeline: kernel
+// configuration, render settings, initialisation options, and the input of the memory estimate.
 #pragma once
 
 #include <string>
@@ -14,32 +15,36 @@
 
 namespace ubs {
 
-// dim and variant: of the model at hand, which need not be those of the settings.
+// Returns the kernel configuration for a model with this dim and variant, which may differ from those of the
+// settings.
 KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSettings& settings,
                            const DeviceInfo& device);
-// What a training needs of a device: without the groups that are not learnt.
+// Returns the kernel configuration of a training, in which the frozen parameter groups are not trained.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
-// `behind` as it has been learnt so far. `sky`: of a TrainState, empty where it is not learnt.
+// Returns `behind` with the values that have been learnt so far. `sky` is that of a TrainState; it is empty
+// if the background is not learnt.
 Background learnt_background(Background behind, const std::vector<float>& sky);
-// How the splats of the settings start.
+// Returns the options for initialising splats.
 InitOptions init_options(const TrainSettings& settings);
-// Throws Error(usage) where a training with these settings cannot begin with the model: another dimension or
-// form.
+// Throws Error(usage) if a training with these settings cannot start from the model, because its dimension or
+// variant differs.
 void check_initial(const TrainSettings& settings, const SplatModel& initial);
-// Whether training does not wait for the size of the lists: list_counts, where auto is decided by the device.
+// Returns whether training renders without waiting for the size of the lists. The setting list_counts
+// determines this. If it is auto, the device type decides.
 bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 
-// "key=value" of the settings that kernels are specialised by beside N, `raster` and the form of the model,
-// where they are not at their defaults: work that is left out, approximations, groups that are not learnt.
+// Returns "key=value" for the settings that specialise kernels and are not at their defaults: skipped work,
+// approximations, frozen groups. N, `raster` and the variant of the model are not included.
 std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 
-// Real fields at "auto" that depend on other settings: noise_lr (1e6, with time 1), lr_opacity (0.05, kernel
-// gaussian 0.025) and lr_scale (0.005, kernel gaussian 0.02). dim must be a number.
+// Replaces "auto" in the fields that depend on other settings: noise_lr (1e6, with time 1), lr_rgb (1e-3,
+// with spherical harmonics or lobes 2.5e-3), lr_opacity (0.05, with kernel gaussian 0.025) and lr_scale
+// (0.005, with kernel gaussian 0.02). dim must be a number.
 TrainSettings resolve_automatic(TrainSettings settings);
 
-// Returns the question about the device memory of a training with `splats` splats at most, for the image
-// sizes of these views. The number of intersections is left at 0.
+// Returns the input of plan_memory() for a training with at most `splats` splats on views of these sizes. The
+// number of intersections remains 0.
 MemoryQuestion memory_question(const TrainSettings& settings, const Split& train, const Split& test,
                                const DeviceInfo& device, std::size_t splats);
 

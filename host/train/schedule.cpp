@@ -9,12 +9,14 @@
 namespace ubs {
 namespace {
 
-// Over the cameras, when the model shows where things are; behind the last one it settles.
+// Camera sweeps start when the model shows the structure of the scene. After the last sweep the model adapts
+// to the final cameras.
 constexpr int kSweeps = 20;
 constexpr double kFirstSweep = 0.1, kLastSweep = 0.9;  // shares of the iterations
 
-// Adam moves by about the rate a step. An image's gains, logarithms, reach 6 away from 0 with steps of the
-// rate it starts with: 0.1 for 60 steps (tests/train/appearance_training_test.cpp), 0.02 for 300 and more.
+// Adam moves a parameter by about its learning rate per step. The gains of an image are logarithms. With
+// steps of the initial rate they can move by 6 in total: the rate is 0.1 for 60 steps
+// (tests/train/appearance_training_test.cpp), and 0.02 for 300 steps or more.
 constexpr double kAppearanceTravel = 6, kAppearanceRate = 0.02, kMaxAppearanceRate = 0.1;
 
 }  // namespace
@@ -56,7 +58,7 @@ std::uint32_t Schedule::splats_at(double share) const {
   std::uint32_t splats = initial_;
   for (double event = first + 1; event * every_ <= end; ++event) {
     const std::uint32_t before = splats;
-    if ((splats = grown(before)) == before) break;  // the cap, or no growth
+    if ((splats = grown(before)) == before) break;  // the maximum is reached, or there is no growth
   }
   return splats;
 }

@@ -11,7 +11,8 @@
 namespace ubs {
 namespace {
 
-// High word of a product of 64-bit numbers, as mcmc_draw of kernels/map/mcmc.cl has it.
+// Returns the high word of the product of two 64-bit numbers. The calculation is that of mcmc_draw in
+// kernels/map/mcmc.cl.
 std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
   const std::uint64_t a0 = a & 0xffffffffu, a1 = a >> 32, b0 = b & 0xffffffffu, b1 = b >> 32;
   const std::uint64_t middle = a1 * b0 + (a0 * b0 >> 32), other = a0 * b1 + (middle & 0xffffffffu);
@@ -21,7 +22,7 @@ std::uint64_t high_product(std::uint64_t a, std::uint64_t b) {
 std::uint32_t low_half(std::uint64_t v) { return static_cast<std::uint32_t>(v); }
 std::uint32_t high_half(std::uint64_t v) { return static_cast<std::uint32_t>(v >> 32); }
 
-// The part of a share that lies in front of `end`.
+// Returns the part of a share before `end`.
 Share until(Share share, std::uint32_t end) {
   const std::uint32_t first = std::min(share.first, end);
   return {first, std::min(share.end(), end) - first};
@@ -116,8 +117,8 @@ void SharedSplats::grow(std::uint32_t target, std::uint64_t seed, std::uint64_t 
   total_ = target;
 }
 
-// A slot draws a ticket of all ranks' weights; the rank whose weights hold it answers with a copy of the
-// source.
+// Each slot draws a ticket, a number below the sum of the weights of all ranks. The rank whose weights
+// contain this number answers with a copy of the source.
 std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uint32_t>& own_weights,
                                     std::span<const Slot> slots) {
   std::vector<std::uint32_t> weights = own_weights;
@@ -132,7 +133,8 @@ std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uin
   add_up();
   if (ends.back() == 0) {
     if (draw.alive_only) return 0;
-    std::ranges::fill(weights, 1u);  // all opacities are zero or NaN: growth takes them all alike
+    // All opacities are zero or NaN, so growth draws all splats with equal probability.
+    std::ranges::fill(weights, 1u);
     add_up();
   }
   std::vector<std::vector<std::uint64_t>> tickets(size);
@@ -152,7 +154,8 @@ std::uint32_t SharedSplats::replace(const Draw& draw, const std::vector<std::uin
   return static_cast<std::uint32_t>(drawn);
 }
 
-// The columns of the sources, which have taken their share of the opacity, to those who drew them.
+// Reduces the opacity of the drawn sources, and sends a column with the parameters of each source to the rank
+// that drew it.
 std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
                                         const std::vector<std::uint32_t>& weights) {
   std::vector<std::uint64_t> ends(weights.begin(), weights.end());
@@ -181,7 +184,8 @@ std::vector<Bytes> SharedSplats::answer(const std::vector<Bytes>& tickets,
   return exchange_values(ranks_, columns);
 }
 
-// Row by row, of each rank in the order of its slots here. A source is never a slot.
+// Writes the received columns into the slots, row by row. The columns of each rank are in the order of the
+// slots that drew from it. A source is never a slot.
 void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t> owners,
                         const std::vector<Bytes>& columns) {
   if (slots.empty()) return;
@@ -199,7 +203,8 @@ void SharedSplats::fill(std::span<const Slot> slots, std::span<const std::size_t
     }
 }
 
-// The splats that there are, from the parts of their number to those of `target`.
+// Moves the existing splats between ranks, from the distribution for their present number to the distribution
+// for `target`.
 void SharedSplats::move_parts(std::uint32_t target) {
   const int size = ranks_.size();
   const auto before = [&](int r) { return share_of(total_, size, r); };
@@ -221,7 +226,7 @@ void SharedSplats::move_parts(std::uint32_t target) {
       }
     }
   const std::vector<Bytes> come = exchange_values(ranks_, pieces);
-  // Behind the last splat zeros, as in a model of one process: kernels look at whole vectors.
+  // Pad with zeros after the last splat, as in a model of one process, because kernels read whole vectors.
   const std::uint32_t padded =
       std::min((now.count + kShareBlock - 1) / kShareBlock * kShareBlock, model_.stride());
   std::vector<std::size_t> at(come.size());

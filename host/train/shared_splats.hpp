@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // SharedSplats holds one rank's part of the splats that the ranks of a job train together
-// (host/cluster/share.hpp). Relocation and growth go over all parts, with the draws and the bits of
-// Stages::relocate and grow.
+// (host/cluster/share.hpp). Relocation and growth act on all parts together. They make the same draws as
+// Stages::relocate and Stages::grow and give bit-identical results.
 #pragma once
 
 #include <array>
@@ -14,14 +14,14 @@ namespace ubs {
 
 class SharedSplats final : public TrainedSplats {
  public:
-  // `initial` and `capacity` are of all ranks together.
+  // `initial` and `capacity` refer to all ranks together.
   SharedSplats(Communicator& ranks, Device& device, Stages& stages, const SplatModel& initial,
                std::size_t capacity);
 
   std::uint32_t total() const override { return total_; }
   std::uint32_t first() const override { return share().first; }
   std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration) override;
-  // Cuts the parts anew.
+  // Adds splats and redistributes all splats over the ranks.
   void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration) override;
   SplatModel download() const override;
   void save(TrainState& state, bool everywhere) const override;
@@ -34,13 +34,14 @@ class SharedSplats final : public TrainedSplats {
     std::uint64_t seed, iteration;
   };
   struct Slot {
-    std::uint32_t place, number;  // in this rank's part; of the draw
+    std::uint32_t place, number;  // index in this rank's part; number of the draw
   };
   Share share() const { return share_of(total_, ranks_.size(), ranks_.rank()); }
   SplatModel gather_model(bool everywhere) const;
-  // Rows of all splats without padding, on the first rank or on all; empty on the others.
+  // Returns the rows of all splats without padding: on the first rank, or with `everywhere` on all ranks. On
+  // the other ranks the result is empty.
   std::vector<float> gather(const Buffer<float>& part, bool everywhere) const;
-  // The slots of all ranks; how many of them got a source.
+  // Fills the slots of all ranks with copies of drawn sources. Returns how many slots were filled.
   std::uint32_t replace(const Draw& draw, const std::vector<std::uint32_t>& weights,
                         std::span<const Slot> slots);
   std::vector<std::uint32_t> weigh(bool alive_only);
@@ -52,12 +53,12 @@ class SharedSplats final : public TrainedSplats {
   std::vector<float> row(const Buffer<float>& part, std::size_t row, std::uint32_t count) const;
 
   Communicator& ranks_;
-  std::array<Buffer<float>*, 3> parts_;  // parameters, two moments
+  std::array<Buffer<float>*, 3> parts_;  // parameters, first moments, second moments
   std::uint32_t total_;
   Buffer<std::uint32_t> weights_, copy_counts_;
 };
 
-// Splats of a model; of rows in its layout without padding.
+// Returns a rank's part of a model, or of rows in the layout of a model without padding.
 SplatModel part_of(const SplatModel& model, const Share& share);
 std::vector<float> part_of(std::span<const float> rows, std::size_t count, const Share& share);
 

@@ -49,14 +49,15 @@ Metrics SharedViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
                   fit);
 }
 
-// The first of those that this rank draws.
+// Uploads the image of the first view that this rank renders.
 void SharedViewPasses::upload_first(int iteration) {
   const std::int64_t view = deal_.rounds()[0][static_cast<std::size_t>(ranks_.rank())];
   if (view != kNoView) views_.upload(views_.first_draw(iteration) + static_cast<std::uint64_t>(view));
 }
 
-// Gradients are added in the order of the draws, each by the rank that has the splats. While the device draws
-// the views of a round, the records of the next one and the gradients of the one before travel.
+// Gradients are added in the order of the draws, on the rank that has the splats. While the device renders
+// the views of a round, the records of the next round and the gradients of the previous round are
+// transferred.
 int SharedViewPasses::run(const StepViews& step) {
   const auto rank = static_cast<std::size_t>(ranks_.rank());
   const auto& deal = deal_.rounds();
@@ -114,7 +115,7 @@ int SharedViewPasses::run(const StepViews& step) {
   return drawn;
 }
 
-// Rows by draw, of which each rank has those of the views that it draws.
+// Merges rows that are indexed by draw. Each rank contributes the rows of the views that it renders.
 void SharedViewPasses::merge(BufferView<float> rows, std::size_t width) const {
   if (rows.size == 0) return;
   std::vector<float> values = read_values(device_, rows, rows.size);

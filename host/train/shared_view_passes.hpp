@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // SharedViewPasses divides the views of a step among the ranks of a job (docs/cluster.md). Every rank
-// projects its splats for all views, and the rank that draws a view gets the records of it and hands their
-// gradient back.
+// projects its splats for all views. The rank that renders a view receives the records of the projected
+// splats from all ranks and sends their gradients back.
 #pragma once
 
 #include "host/cluster/communicator.hpp"
@@ -20,12 +20,13 @@ class SharedViewPasses final : public ViewPasses {
         shared_(ranks, device, stages, renderer_),
         deal_(views.batch(), ranks.size()) {}
 
-  // Before the first step: how many views of a batch each rank draws, in place of as many.
+  // Sets how many views of a batch each rank renders; the default is equal numbers. Must be called before the
+  // first step.
   void deal_views(std::vector<std::uint64_t> by_rank) { deal_ = Deal(std::move(by_rank)); }
   const Deal& deal() const { return deal_; }
-  std::uint64_t bytes_sent() const { return shared_.bytes_sent(); }  // of this rank
-  // Compares the picture of a training view as each rank draws it on its device. Returns by rank the largest
-  // difference from the first rank's [of white].
+  std::uint64_t bytes_sent() const { return shared_.bytes_sent(); }  // by this rank
+  // Renders a training view on the device of every rank and compares the images. Returns for each rank the
+  // largest difference from the image of the first rank, where white is 1.
   std::vector<double> picture_differences(std::uint32_t view);
 
   void set_cameras(const std::vector<Camera>& cameras) override;
@@ -37,7 +38,7 @@ class SharedViewPasses final : public ViewPasses {
   Metrics evaluate_test(ImageMetrics* more, Appearance fit) override;
 
  private:
-  // Each rank draws one view, or none (kNoView).
+  // Each rank renders one view, or none (kNoView).
   void draw_round(std::vector<std::int64_t> cameras);
 
   Communicator& ranks_;

@@ -11,7 +11,7 @@ namespace {
 
 std::size_t bytes_of(const Image8& image) { return image.rgb.size() + image.mask.size(); }
 
-// A file on a network drive may fail once; a second failure counts.
+// Reading from a network drive may fail once. Retry, and report only a second failure.
 std::shared_ptr<const Image8> get_or_retry(ImagePool& pool, std::size_t index) {
   try {
     return pool.get(index);
@@ -36,7 +36,7 @@ void TargetImages::add(const Split& split) {
 }
 
 void TargetImages::reduce(std::size_t views, int factor) {
-  device_.finish();  // nothing reads what is dropped
+  device_.finish();  // no operation may still read the images that are released
   reduced_ = views;
   factor_ = factor;
   for (Entry& entry : entries_) entry.planes = {};
@@ -78,7 +78,7 @@ void TargetImages::upload(std::size_t index) {
   const Image8 small = index < reduced_ && factor_ > 1 ? reduced(full, factor_) : Image8{};
   const Image8& image = small.rgb.empty() ? full : small;
   if (used_ + bytes_of(image) <= budget_) {
-    Planes planes;  // of its own until it is whole: an allocation may fail
+    Planes planes;  // local until it is complete, because an allocation may fail
     fill(planes, image);
     entry.planes = std::move(planes);
     used_ += bytes_of(image);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground-truth images on the device as planar 8 bit, and their masks where they have one. They stay there
-// while they fit a budget; beyond it images pass through two staging buffers in turn, so that one is filled
-// while the other is read. Views whose images are not in memory are decoded on demand by a pool with a budget
-// of its own.
+// TargetImages holds the ground-truth images on the device as planar 8-bit data, with their masks if they
+// have one. Images stay on the device while they fit into a budget. The others pass through two staging
+// buffers in turn, so that one buffer is filled while the other one is read. If images are not in host
+// memory, a pool with a budget of its own decodes them when they are needed.
 #pragma once
 
 #include <array>
@@ -15,54 +15,58 @@
 
 namespace ubs {
 
-// What an image is compared with; the three fields of the same name of ImageLoss.
+// Target is the data that an image is compared with. It corresponds to the three fields of the same names
+// (`target`, `mask`, `counted`) of ImageLoss.
 struct Target {
   BufferView<std::uint8_t> image;  // (3, height, width)
   BufferView<std::uint8_t> mask;   // (height, width); empty: all pixels count
-  std::uint32_t counted = 0;       // pixels that count, where there is a mask
+  std::uint32_t counted = 0;       // number of pixels that count, if there is a mask
 };
 
-inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;  // of ground truth kept on the device
+// Maximum size of the ground truth that stays on the device.
+inline constexpr std::size_t kTargetBudgetBytes = std::size_t{1} << 30;
 
 class TargetImages {
  public:
   TargetImages(Device& device, std::size_t budget_bytes, std::size_t cache_bytes = std::size_t{4} << 30)
       : device_(device), budget_(budget_bytes), cache_(cache_bytes) {}
 
-  // Registers the images of a split behind those registered so far; every view must have one.
+  // Registers the images of a split after those that are already registered. Every view must have an image.
   void add(const Split& split);
-  // From now on the first `views` images are reduced by this factor (host/train/pyramid.hpp). Waits.
+  // Reduces the first `views` images by this factor from now on (host/train/pyramid.hpp). The function waits
+  // for the device.
   void reduce(std::size_t views, int factor);
-  // The image registered as number `index`. Valid until the next but one call of get() or upload() with
-  // another index.
+  // Returns the image with the number `index`. It stays valid after the next call of get() or upload() with
+  // another index, but not after the second such call.
   Target get(std::size_t index);
-  // Starts to copy the image that get() will be asked for next; the copy runs beside the work given from now
-  // on.
+  // Starts to copy an image to the device, before get() needs it. The copy runs in parallel with the
+  // operations that are enqueued after this call.
   void upload(std::size_t index);
-  // Starts decoding an image that get() will want soon, where it is not in memory.
+  // Starts to decode an image that get() will need soon, if it is not in memory.
   void prefetch(std::size_t index);
 
  private:
   struct Planes {
     Buffer<std::uint8_t> image, mask;
     std::uint32_t counted = 0;
-    bool masked = false;  // whether `mask` belongs to the image: staging keeps buffers
+    // True if the image has a mask. In staging, `mask` may be left over from another image.
+    bool masked = false;
     Target view() const { return {image.view(), masked ? mask.view() : BufferView<std::uint8_t>{}, counted}; }
   };
   struct Entry {
-    const Image8* image;  // null when the pool delivers it
-    std::size_t pooled;   // its number there
-    Planes planes;        // empty until first use, and where there is no room
+    const Image8* image;  // null if the pool provides it
+    std::size_t pooled;   // its number in the pool
+    Planes planes;        // empty before the first use, and if the budget has no room for it
   };
   Device& device_;
   std::size_t budget_, used_ = 0, cache_;
-  std::size_t reduced_ = 0;          // images, from the first on
-  int factor_ = 1;                   // that they are reduced by
-  std::unique_ptr<ImagePool> pool_;  // made with the first image that needs it
+  std::size_t reduced_ = 0;          // number of reduced images, counted from the first
+  int factor_ = 1;                   // factor of these images
+  std::unique_ptr<ImagePool> pool_;  // created with the first image that needs it
   std::vector<Entry> entries_;
   struct Staging {
     Planes planes;
-    std::size_t index = kNone;  // whose image it holds
+    std::size_t index = kNone;  // number of the image that it holds
   };
   static constexpr std::size_t kNone = ~std::size_t{0};
   const Staging* find_staged(std::size_t index) const;

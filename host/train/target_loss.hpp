@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage ImageLoss for what a renderer has drawn and a ground truth on the device.
+// loss_of() and training_loss() create the operation ImageLoss for the image of a renderer and a ground truth
+// on the device.
 #pragma once
 
 #include "host/pipeline/renderer.hpp"
@@ -8,7 +9,7 @@
 
 namespace ubs {
 
-// Values alone, of the image as it is.
+// Returns the operation that computes only the values of the loss, for the image without an appearance map.
 inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferView<float> sums) {
   return {.shape = renderer.shape(),
           .image = renderer.image(),
@@ -20,7 +21,7 @@ inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferV
           .sums = sums};
 }
 
-// And the gradient of the loss that training descends, into the renderer's v_image().
+// Returns the operation that also computes the gradient of the training loss, into the renderer's v_image().
 inline ImageLoss training_loss(const Renderer& renderer, const Target& target, const TrainSettings& settings,
                                BufferView<float> sums) {
   ImageLoss loss = loss_of(renderer, target, sums);

@@ -12,17 +12,20 @@
 namespace ubs {
 namespace {
 
-constexpr int kSamples = 400;          // of the work, for its time
-constexpr double kMinStepShare = 0.1;  // a step takes at least this share of fixed_ms, however few splats
-// The speed after a point over the speed before it, at least and at most.
+constexpr int kSamples = 400;          // number of points of the work at which its time is sampled
+constexpr double kMinStepShare = 0.1;  // a step takes at least this share of fixed_ms, even with few splats
+// Minimum and maximum of the ratio of the speed after a point to the speed before it. The speed is the number
+// of iterations for the whole work.
 constexpr double kLeastChange = 0.5, kMostChange = 1.5;
 constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
-// Between two points lies this part of the whole run, or of what is left of it if that is less.
+// The distance of two points is 1/kPoints of the whole run, or 1/kPointsOfRest of the rest of the run if that
+// is less.
 constexpr int kPoints = 100, kPointsOfRest = 10;
-// Splats may be so many times what there are iterations for before growth ends.
+// Growth ends when the number of splats exceeds this multiple of the number that the iterations can train.
 constexpr double kSpareSplats = 2;
 
-// Returns 0 for a word that is no unit of time. Without a unit numbers are seconds.
+// Returns the seconds of a unit of time, or 0 if the word is not a unit. A number without a unit is in
+// seconds.
 double seconds_of_unit(std::string_view unit) {
   const auto is = [&](auto... words) { return ((unit == words) || ...); };
   if (is("", "s", "sec", "secs", "second", "seconds")) return 1;
@@ -31,7 +34,7 @@ double seconds_of_unit(std::string_view unit) {
   return 0;
 }
 
-// Few digits, for people who read config.yaml.
+// Rounds a share to a few digits, to keep config.yaml readable.
 double rounded_share(double share) { return std::stod(fmt::format("{:.6f}", share)); }
 
 }  // namespace
@@ -141,8 +144,9 @@ double BudgetPace::sweeps_left(double share) const {
   return time_.sweeps_left(share) * (sweeps_expected_ > 0 ? swept_ / sweeps_expected_ : 1);
 }
 
-// Steps are slow because the machine is, or because splats are large for a while: early in a run the second
-// is as likely (docs/results/2026-11-26-share-of-the-work.md).
+// Steps may be slow because the machine is slow, or because splats are large for a while. Early in a run,
+// both reasons are equally likely (docs/results/2026-11-26-share-of-the-work.md), so the slowness of the past
+// is applied to the rest only in part.
 double BudgetPace::slowness_of_rest(double share) const {
   return std::pow(std::max(slowness_, 1e-6), std::sqrt(share));
 }

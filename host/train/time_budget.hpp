@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training that fits a time (docs/budget.md). A run with a time budget goes through its work as fast as the
-// clock allows: at points that follow each other closely it compares the time that is left with the work that
-// is left, and sets how many iterations the rest of the work takes. Each point becomes part of the settings,
-// so that the run can be repeated without a clock.
+// BudgetPace adapts the length of a training to a time budget (docs/budget.md). A run with a time budget
+// proceeds through its work as fast as the clock allows: at closely spaced points it compares the remaining
+// time with the remaining work, and sets the number of iterations for the rest of the work. Each point
+// becomes part of the settings, so that the run can be repeated without a clock.
 #pragma once
 
 #include <cstdint>
@@ -16,11 +16,12 @@
 
 namespace ubs {
 
-// Returns "90", "90s", "10m", "2 min", "1.5h", "1h30m" in seconds; throws Error(usage) for anything else.
+// Converts "90", "90s", "10m", "2 min", "1.5h" or "1h30m" into seconds. Throws Error(usage) for any other
+// text.
 double time_budget_seconds(const std::string& text);
 
-// What a step takes on training images reduced by `factor`: fixed_ms + each_ms for every splat; and what a
-// step of all cameras takes there, where cameras are refined.
+// Time of a step on training images that are reduced by `factor`: fixed_ms + each_ms for every splat.
+// sweep_ms is the time of one sweep over all cameras on these images, if cameras are refined.
 struct StepCost {
   int factor = 1;
   double fixed_ms = 0, each_ms = 0, sweep_ms = 0;
@@ -28,20 +29,20 @@ struct StepCost {
   bool operator==(const StepCost&) const = default;
 };
 
-// The time that a schedule takes, by the costs of its steps.
+// WorkTime computes the time that a schedule takes from the costs of its steps.
 class WorkTime {
  public:
-  // `costs`: one for each level. Throws Error(internal) where one is missing.
+  // `costs` must contain an entry for each level. Throws Error(internal) if one is missing.
   WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
            const std::vector<PyramidLevel>& levels);
-  // Returns the seconds of the steps from this share of the work to its end, as if all of it were one
-  // iteration.
+  // Returns the seconds that the steps from this share of the work to its end would take if the whole work
+  // were a single iteration. The caller multiplies the result by the number of iterations for the whole work.
   double steps_left(double share) const;
-  // Returns the seconds of the camera sweeps behind this share.
+  // Returns the time of the camera sweeps after this share, in seconds.
   double sweeps_left(double share) const;
 
  private:
-  std::vector<double> left_;  // at equal distances from share 0 to 1
+  std::vector<double> left_;  // samples at equal distances from share 0 to 1
   struct Sweep {
     double share = 0, seconds = 0;
   };
@@ -49,25 +50,25 @@ class WorkTime {
 };
 
 struct TimeBudget {
-  double seconds = 0;   // of training; 0: the run has none
-  double measured = 0;  // of these, what measuring the costs took
+  double seconds = 0;   // training time; 0: the run has no budget
+  double measured = 0;  // part of it that was used for measuring the costs
   int most_iterations = kScheduleLength;
-  int first_iterations = 0;  // what the settings were chosen for
+  int first_iterations = 0;  // number of iterations that the settings were chosen for
   std::vector<StepCost> costs;
   bool operator==(const TimeBudget&) const = default;
 };
 
-inline constexpr int kMinIterations = 100;  // fewer make no model
+inline constexpr int kMinIterations = 100;  // fewer iterations give no usable model
 
-// Returns the seconds of a run of so many iterations by the measured costs; the other arguments are those of
-// choose_iterations().
+// Returns the estimated seconds of a run of `iterations` iterations with the measured costs. The other
+// arguments are those of choose_iterations().
 double expected_seconds(int iterations, const std::vector<StepCost>& costs, const TrainSettings& base,
                         const Split& train, std::size_t points, const PictureFacts& pictures = {});
 
-// The number of iterations that fits a time budget, as far as it can be known before the first one, and the
-// settings for them. `points`: splats that the data could start with, 0 where they are drawn at random.
-// `budget`: without first_iterations. Throws Error(usage) where the time is too short for
-// kMinIterations.
+// Chooses the number of iterations that fits into a time budget, as far as this can be known before the first
+// iteration, and returns the settings for it. The function also sets first_iterations of the returned budget.
+// `points` is the number of splats that the data can provide at the start; 0: they are placed at random.
+// Throws Error(usage) if the time is too short for kMinIterations.
 struct BudgetedRun {
   TrainSettings settings;
   TimeBudget budget;
@@ -75,20 +76,20 @@ struct BudgetedRun {
 BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
                               std::size_t points, const PictureFacts& pictures = {});
 
-// Keeps a run to its time budget.
+// BudgetPace keeps a run within its time budget.
 class BudgetPace {
  public:
   BudgetPace(TimeBudget budget, const TrainSettings& settings, const Split& train, std::size_t initial);
 
-  // The run begins, or goes on, after this iteration. Seconds are those of training so far, and of camera
-  // sweeps within them.
+  // Must be called when the run starts or continues after this iteration. `seconds` is the training time so
+  // far, and `swept` the part of it that was spent on camera sweeps.
   void begin(const WorkShare& work, int iteration, double seconds, double swept);
-  // To be called after the iteration of the last point, or before the first iteration: adds the next point to
-  // `settings` and sets their iterations to what fits the time now.
+  // Adds the next point to `settings`, and sets their number of iterations to the number that now fits into
+  // the budget. Must be called before the first iteration, and after the iteration of the last point.
   void advance(TrainSettings& settings, int iteration, double seconds, double swept);
-  // Returns the seconds of training after this iteration, as it looks now.
+  // Returns the present estimate of the training time after this iteration, in seconds.
   double seconds_left(const WorkShare& work, int iteration) const;
-  // Whether there is time for more than `splats` splats, in a run that has time for so many iterations now.
+  // Returns whether a run with the present number of iterations can have more than `splats` splats.
   bool serves_more(std::uint32_t splats, const TrainSettings& settings) const;
 
  private:
@@ -102,8 +103,8 @@ class BudgetPace {
   struct {
     int iteration = 0;
     double share = 0, seconds = 0, swept = 0;
-  } since_;                                 // what is measured from there on
-  double slowness_ = 1;                     // seconds of steps over those expected, lately
+  } since_;                                 // start of the measurement in progress
+  double slowness_ = 1;                     // actual / expected seconds of the recent steps
   double swept_ = 0, sweeps_expected_ = 0;  // seconds
 };
 

@@ -4,7 +4,7 @@
 namespace ubs {
 namespace {
 
-constexpr int kEvery = 53, kFirst = 29;  // not the first iterations, in which kernels are compiled
+constexpr int kEvery = 53, kFirst = 29;  // skips the first iterations, in which kernels are compiled
 constexpr std::size_t kCount = operation_index<CountLists>(), kBuild = operation_index<BuildLists>();
 
 }  // namespace
@@ -20,7 +20,7 @@ void TimedStages::pause() { training_ = sampling_ = false; }
 Outcome TimedStages::run(const Operation& operation) {
   if (!training_) return stages_->run(operation);
   if (!sampling_ && std::holds_alternative<Relocate>(operation)) {
-    device_.finish();  // what was enqueued before is not part of it
+    device_.finish();  // operations that were enqueued before are not measured
     sampling_ = true;
   }
   Account& account = accounts_[operation.index() == kBuild ? kCount : operation.index()];

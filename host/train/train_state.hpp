@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// All that a training run needs to go on, on the host: everything else follows from settings and data.
+// TrainState holds, in host memory, everything that a training run needs to continue. All other data follow
+// from the settings and the data set.
 #pragma once
 
 #include <cstdint>
@@ -10,27 +11,28 @@
 
 namespace ubs {
 
-// How far a run is.
+// The progress of a run.
 struct TrainProgress {
-  int iteration = 0;  // the last one that is done
-  int logged = 0;     // the last one whose loss has been reported
+  int iteration = 0;  // the last completed iteration
+  int logged = 0;     // the last iteration whose loss was reported
   std::uint64_t adam_steps = 0;
-  double seconds = 0;                     // of training
-  std::set<std::uint64_t> skipped_draws;  // views left out after a value was not finite
+  double seconds = 0;  // training time
+  // Draws that are skipped because they gave a value that is not finite.
+  std::set<std::uint64_t> skipped_draws;
   int rollbacks = 0;
-  std::uint64_t dropped = 0;  // splats
+  std::uint64_t dropped = 0;  // number of splats that were dropped
 };
 
 struct TrainState : TrainProgress {
   SplatModel model;
-  std::vector<float> moment1, moment2;  // (rows of moments) x model.count, row-major
-  std::vector<float> loss_sums;         // of the views since `logged`, as the trainer keeps them
-  std::vector<float> appearance;        // (training images, 60), or empty: not learnt
-  std::vector<float> sky;               // (81) of SkyStep, or empty: not learnt
-  std::vector<double> cameras;          // CameraRefiner::state(), or empty: as given
+  std::vector<float> moment1, moment2;  // (moment rows, model.count), row-major
+  std::vector<float> loss_sums;         // of the views since `logged`, in the layout of LossLog
+  std::vector<float> appearance;        // (training images, 60); empty: not learnt
+  std::vector<float> sky;               // (81), as in SkyStep; empty: not learnt
+  std::vector<double> cameras;          // CameraRefiner::state(); empty: cameras are not refined
 };
 
-// Whether every parameter and moment is finite.
+// Returns whether all values of the state are finite: parameters, moments, appearance, sky and cameras.
 bool is_finite(const TrainState& state);
 
 }  // namespace ubs

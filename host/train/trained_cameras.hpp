@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedCameras is the part of a training that refines cameras (method.md 4.10): it sweeps over those of the
-// training views, and in the end fits those of the test views. All of it holds the model, and none of it is
-// for several ranks.
+// TrainedCameras is the part of a training that refines cameras (method.md 4.10): it sweeps over the cameras
+// of the training views during the run, and at the end fits the cameras of the test views. The model does not
+// change while cameras are refined. Several ranks are not supported.
 #pragma once
 
 #include <vector>
@@ -19,30 +19,32 @@ class TrainedCameras {
       : device_(device), stages_(stages), views_(views), passes_(passes), splats_(splats), time_(time) {}
 
   bool refines() const { return views_.refiner() != nullptr; }
-  // One step of every camera. `done`: the share of the sweeps that came before.
+  // Takes one step of every camera. `done` is the share of all sweeps that have already taken place.
   void sweep(double done);
-  double swept_seconds() const { return swept_; }  // in all sweeps so far
-  // Returns the seconds that a sweep takes on images reduced by `factor`. The cameras stay as they are.
+  double swept_seconds() const { return swept_; }  // seconds of all sweeps so far
+  // Returns the estimated seconds of a sweep on images reduced by `factor`. The cameras are not changed.
   double sweep_seconds(int factor);
 
-  const std::vector<Camera>& train() const { return views_.refiner()->cameras(); }  // refined so far
-  std::vector<Camera> test() const { return views_.test_cameras(); }  // as they are measured from
-  // The cameras of the test views, fitted to the model as it is at the first call after forget(); and those
-  // of the training views as they were learnt, with their deviations.
+  const std::vector<Camera>& train() const { return views_.refiner()->cameras(); }  // as refined so far
+  // Returns the cameras from which the test views are measured.
+  std::vector<Camera> test() const { return views_.test_cameras(); }
+  // held_out() returns the cameras of the test views, fitted to the model at the first call after forget().
+  // learnt() returns the refined cameras of the training views, with their deviations.
   const std::vector<FittedCamera>& held_out();
   std::vector<FittedCamera> learnt() { return fit(views_.train(), 0, false); }
   void forget() { held_out_.clear(); }
-  // Measures the test views from the fitted cameras, into ViewMetrics::posed.
+  // Measures the test views from the fitted cameras and stores the results in ViewMetrics::posed.
   void measure_fitted(Metrics& metrics);
 
  private:
   std::vector<FittedCamera> fit(const Split& split, std::size_t first, bool fits);
-  // The splats as they are drawn. None of this is time of a training's stages.
+  // Returns the splats for rendering. Pauses the stage timers, because refining cameras is not counted as
+  // time of the training stages.
   RenderGroup group() {
     stages_.pause();
     return {&stages_, splats_.view()};
   }
-  // What draws leaves other cameras in the renderer than training wants.
+  // Sets the cameras of the training again, after rendering has replaced the renderer's cameras.
   void restore_cameras() { passes_.set_cameras(views_.cameras()); }
 
   Device& device_;

@@ -9,7 +9,8 @@
 namespace ubs {
 namespace {
 
-// Rows of `stride` on the device to rows of `count`, and back with zeros in between.
+// Downloads rows, which start every `stride` values on the device, into compact rows of `count` values.
+// upload_compact() does the reverse and fills the padding with zeros.
 std::vector<float> download_compact(const Buffer<float>& buffer, std::uint32_t stride, std::uint32_t count) {
   const std::size_t rows = buffer.size() / stride;
   std::vector<float> values(rows * count);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainedSplats holds what a training changes of its splats: parameters on the device, their gradients, and
-// the two moments of Adam. It also moves and adds splats (method.md 4.3). This class is for one process,
-// which holds all splats. SharedSplats (shared_splats.hpp) holds the part of one of several ranks; then all
-// ranks make the same calls.
+// TrainedSplats holds the data of the splats that a training changes: parameters on the device, their
+// gradients, and the two moments of Adam. It also relocates and adds splats (method.md 4.3). This class is
+// for one process, which holds all splats. With several ranks, SharedSplats (shared_splats.hpp) holds the
+// part of one rank; then all ranks must make the same calls.
 #pragma once
 
 #include <cstdint>
@@ -14,34 +14,36 @@ namespace ubs {
 
 class TrainedSplats {
  public:
-  // `initial`: the splats that this process holds at the start; `capacity`: the most that it will hold.
+  // `initial` contains the splats that this process holds at the start. `capacity` is the maximum number that
+  // it will hold.
   TrainedSplats(Device& device, Stages& stages, const SplatModel& initial, std::size_t capacity);
   virtual ~TrainedSplats() = default;
   TrainedSplats(const TrainedSplats&) = delete;
   TrainedSplats& operator=(const TrainedSplats&) = delete;
 
-  // The splats of this process.
+  // These functions return the splats of this process.
   DeviceModel& model() { return model_; }
   const DeviceModel& model() const { return model_; }
   SplatView view() const { return model_.view(); }
-  // (trained rows, model().stride()) each.
+  // Each buffer has the shape (trained rows, model().stride()).
   BufferView<float> v_params() const { return v_params_.view(); }
   BufferView<float> moment1() const { return moment1_.view(); }
   BufferView<float> moment2() const { return moment2_.view(); }
 
-  virtual std::uint32_t total() const { return model_.count(); }  // of all ranks
-  virtual std::uint32_t first() const { return 0; }  // how many splats the ranks before this one hold
+  virtual std::uint32_t total() const { return model_.count(); }  // number of splats of all ranks
+  virtual std::uint32_t first() const { return 0; }  // number of splats of the ranks before this one
 
-  // Moves dead splats to living ones; returns how many of all ranks were moved.
+  // Relocates dead splats to live ones. Returns the number of relocated splats of all ranks.
   virtual std::uint32_t relocate(std::uint64_t seed, std::uint64_t iteration);
-  // Adds copies of living splats until there are `target` in total.
+  // Adds copies of splats until there are `target` in total.
   virtual void grow(std::uint32_t target, std::uint64_t seed, std::uint64_t iteration);
 
-  // Returns all splats; on other ranks than the first an empty model.
+  // Returns all splats on the first rank, and an empty model on the other ranks.
   virtual SplatModel download() const { return model_.download(); }
-  // Fills in model and moments: those of this process, or with `everywhere` those of all ranks.
+  // Stores the model and the moments in `state`: those of this process, or with `everywhere` those of all
+  // ranks.
   virtual void save(TrainState& state, bool everywhere) const;
-  // Takes them from a state that has all splats.
+  // Loads the model and the moments from a state that contains all splats.
   virtual void load(const TrainState& state);
 
  protected:

@@ -16,7 +16,8 @@
 namespace ubs {
 namespace {
 
-// As a run needs them from this model on.
+// Returns the settings for a run that starts from this model: automatic values are resolved, and cap_max is
+// at least the number of its splats.
 TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, const Communicator& ranks) {
   check_initial(settings, initial);
   if (ranks.size() > 1 && settings.refine_cameras != RefineCameras::none)
@@ -26,12 +27,14 @@ TrainSettings settings_for(TrainSettings settings, const SplatModel& initial, co
   return settings;
 }
 
-// One position gives no length to go by; the unit of training is.
+// Returns the scene extent. If all cameras have the same position, no length can be computed from them, so
+// the extent is 1 unit.
 double extent_of(const Split& train) {
   return at_one_place(cameras_of(train)) ? 1 : scene_extent(train.views);
 }
 
-// Adds the training time to `seconds`. The time between the last read() and the next go_on() is not counted.
+// TrainingClock adds the training time to `seconds`. The time between the last read() and the next go_on() is
+// not counted.
 class TrainingClock {
  public:
   TrainingClock(const TimeSource& time, double& seconds)
@@ -108,21 +111,22 @@ void Trainer::step() {
     use_level_of(iteration);
     sky_.clear();
     drawn = passes_->run(views_of_step());
-  } catch (...) {  // an image that cannot be read, no memory for the lists: nothing has changed yet
+  } catch (...) {  // if an image cannot be read or the lists do not fit into memory, nothing has changed yet
     --progress_.iteration;
     throw;
   }
   whole_ = false;
-  // Where splats were moved or added their gradients no longer belong to them: no Adam step (method.md 4.3).
+  // If splats were moved or added, the gradients no longer belong to them, so there is no Adam step
+  // (method.md 4.3).
   const bool moved = refines_now() && refine();
   if (drawn > 0 && !moved) update(drawn);
   if (drawn > 0) sky_.step(*stages_, iteration, schedule_.appearance_rate(iteration, 1), guard_.sentinel());
-  learn_appearances();  // also where splats were moved: their images have not changed
+  learn_appearances();  // also if splats were moved, because this step depends on the images alone
   if (const auto done = schedule_.camera_sweep(iteration); done && cameras_.refines()) cameras_.sweep(*done);
   guard_.stepped(progress_, drawn == 0);
   whole_ = true;
-  // Beside the next iteration's projection and forward pass; last, because an image that cannot be read is an
-  // error.
+  // The upload runs in parallel with the projection and forward pass of the next iteration. It comes last,
+  // because it throws if the image cannot be read.
   if (iteration < settings().iterations &&
       views_.factor_at(schedule_.work(), iteration + 1) == views_.factor())
     passes_->upload_first(iteration + 1);
@@ -132,7 +136,8 @@ void Trainer::use_level_of(int iteration) {
   if (views_.use_factor(views_.factor_at(schedule_.work(), iteration))) set_cameras(views_.cameras());
 }
 
-// The step is taken in one pass with the end of its gradient, but where splats are moved before.
+// Returns the views of this step. Unless splats are moved first, the gradient of the last view ends at the
+// records, because update() does the rest of the gradient and the Adam step in one pass.
 StepViews Trainer::views_of_step() {
   const std::uint64_t first = views_.first_draw(progress_.iteration);
   return {.first = first,
@@ -170,7 +175,8 @@ bool Trainer::refine() {
 
 void Trainer::update(int views) {
   const AdamStep step = next_step();
-  if (step.splats.count == 0) return;  // more ranks than blocks of splats
+  // This rank has no splats, because there are more ranks than blocks of splats.
+  if (step.splats.count == 0) return;
   if (!refines_now()) return passes_->learning_renderer().learn(views > 1, penalty(), step);
   if (schedule_.regularises(progress_.iteration)) stages_->regularise(penalty());
   stages_->adam(step);
@@ -222,9 +228,9 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
     const int iteration = progress_.iteration;
     const Due now = due(evaluated);
-    // Before anything but Adam changes the state, and before anyone sees it.
+    // Check before anything except Adam changes the state, and before it leaves the trainer.
     if (now.looks && !look()) clock.go_on();
-    if (progress_.iteration != iteration) continue;  // goes on from an earlier state
+    if (progress_.iteration != iteration) continue;  // an earlier state was restored
     StepReport report{.iteration = iteration,
                       .iterations = settings().iterations,
                       .share = schedule_.work().at(iteration),
@@ -246,8 +252,9 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       evaluated = progress_.seconds;
       clock.go_on();
     }
-    // Before the state is kept: a run that is killed in between logs this iteration again, none is missing.
-    std::uint64_t stops = on_step(report) ? 0 : 1;  // of any rank
+    // Report the iteration before the state is saved. If the run is killed in between, it logs this iteration
+    // again, and none is missing.
+    std::uint64_t stops = on_step(report) ? 0 : 1;  // on any rank
     ranks_.sum(std::span(&stops, 1));
     go_on = stops == 0;
     if (now.saves && go_on) {
@@ -258,7 +265,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   look();
 }
 
-// `evaluated`: the seconds of training at the last evaluation.
+// Returns the actions that follow now. `evaluated` is the training time at the last evaluation.
 Trainer::Due Trainer::due(double evaluated) const {
   const int iteration = progress_.iteration;
   const bool last = iteration == settings().iterations;
@@ -275,8 +282,8 @@ Trainer::Due Trainer::due(double evaluated) const {
   return {evaluates, saves, reads, guard_.due(iteration, reads || saves || changes)};
 }
 
-// What follows from the clock is as the first rank has it; and a value that one rank has found not finite
-// stops the steps of all.
+// Makes all ranks decide alike. Decisions that depend on the clock are those of the first rank. If one rank
+// has found a value that is not finite, the steps of all ranks stop.
 void Trainer::agree(bool& by_time, bool& saves) const {
   if (ranks_.size() == 1) return;
   std::array<std::uint64_t, 3> words{ranks_.first() && by_time, ranks_.first() && saves, 0};
@@ -293,7 +300,7 @@ void Trainer::agree(bool& by_time, bool& saves) const {
   device_.write(*sentinel.memory, 0, std::as_bytes(bytes));
 }
 
-// Of the iterations since the last report. Waits.
+// Returns the mean loss of the iterations since the last report. This waits for the device.
 std::optional<double> Trainer::read_loss() {
   const int iterations = std::min(progress_.iteration - progress_.logged, settings().log_every);
   passes_->merge(losses_.view(), 8);
@@ -377,8 +384,8 @@ bool Trainer::save_due() const {
                           (saving_.seconds > 0 && progress_.seconds - saved_seconds_ >= saving_.seconds));
 }
 
-// Relocation, growth or noise may have left a value that the next step will notice: then the last state
-// stays.
+// Saves the state. Relocation, growth or noise may have produced a value that is not finite, which only the
+// next step will detect. In this case the state saved before is kept.
 void Trainer::save_state() {
   saved_seconds_ = progress_.seconds;
   TrainState s = state();
@@ -399,7 +406,7 @@ bool Trainer::look() {
   return false;
 }
 
-// The loss alone: look() has found parameters and moments finite.
+// Handles a loss that is not finite. look() has already found that parameters and moments are finite.
 void Trainer::loss_not_finite(std::uint64_t draw) {
   const std::uint32_t view = views_.view_of(draw);
   const int iteration = static_cast<int>(draw / views_.batch()) + 1;
@@ -411,7 +418,7 @@ void Trainer::loss_not_finite(std::uint64_t draw) {
 }
 
 void Trainer::answer(const NonFiniteEvent& event, TrainState s) {
-  whole_ = false;  // where this ends the run, the last good state is the one handed out last
+  whole_ = false;  // if this ends the run, the last good state is the one that was saved last
   restore(guard_.answer(event, std::move(s), views_));
 }
 

@@ -11,8 +11,11 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kBackgroundStream = 0x6261636b;  // apart from every other use of the seed
-constexpr double kRateOfMixing = 0.2;  // of mixed channels and offsets, of which four act on each channel
+// Separates these random numbers from all others of the seed.
+constexpr std::uint32_t kBackgroundStream = 0x6261636b;
+// Rate of the mixing coefficients and offsets, relative to that of the gains. It is lower because four
+// numbers act together on each channel.
+constexpr double kRateOfMixing = 0.2;
 
 }  // namespace
 

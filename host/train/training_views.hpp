@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The views of a training: which one comes at which draw, at what size its camera and photograph are now
-// (host/train/pyramid.hpp), the loss against the photograph, and where wanted the photograph's own exposure
-// and white balance, which are learnt (method.md 4.9). Draws count from 0, `batch` an iteration.
+// TrainingViews supplies the views of a training: which view comes at which draw, its camera and photograph
+// at the present size (host/train/pyramid.hpp), and the loss against the photograph. If requested, it also
+// optimises the exposure and white balance of each photograph (method.md 4.9). Draws are counted from 0, with
+// `batch` draws per iteration.
 #pragma once
 
 #include <cstdint>
@@ -30,23 +31,25 @@ class TrainingViews {
   std::uint64_t batch() const { return batch_; }
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
-  // `settings` with what is behind the view of a draw: another colour each time where the background is
-  // random.
+  // Returns `settings` with the background for a draw. If the background is random, it has a different colour
+  // for each draw.
   RenderSettings settings_of(std::uint64_t draw, RenderSettings settings) const;
 
-  // The factor by which training views are reduced at an iteration.
+  // Returns the factor by which training views are reduced at an iteration.
   int factor_at(const WorkShare& work, int iteration) const {
     return ubs::factor_at(levels_, work, iteration);
   }
-  int factor() const { return factor_; }  // as they are reduced now
-  // True when another size of the training views begins: cameras() has changed. Waits then.
+  int factor() const { return factor_; }  // present factor
+  // Sets the factor. Returns true if it has changed. In this case cameras() has changed too, and the call
+  // waits for the device.
   bool use_factor(int factor);
-  // Of the training views as they are trained now, then of the test views.
+  // Returns the cameras of the training views at their present size, followed by those of the test views.
   std::vector<Camera> cameras() const;
-  std::vector<Camera> test_cameras() const;  // their last part
+  std::vector<Camera> test_cameras() const;  // the last part of cameras()
   Camera camera(std::uint32_t view) const { return reduced(whole_camera(view), factor_); }
 
-  // From now on the cameras of the training views are refined; test views share their lens.
+  // Starts to refine the cameras of the training views. Test views use the refined lens that they share with
+  // training views.
   void refine_cameras(const SplatModel& initial) {
     refiner_.emplace(train_, initial, settings_.refine_cameras);
   }
@@ -54,17 +57,19 @@ class TrainingViews {
   void sweep_cameras(const Drawing& drawing, double done) { refiner_->sweep(drawing, factor_, done); }
   void set_refined(std::span<const double> state);
 
-  // Starts to decode, and to copy to the device, what a draw to come will want.
+  // prefetch() starts to decode the image of a future draw, and upload() starts to copy it to the device.
   void prefetch(std::uint64_t draw) { targets_.prefetch(ahead_(draw)); }
   void upload(std::uint64_t draw) { targets_.upload(ahead_(draw)); }
 
-  // The loss of what the renderer has drawn and its gradient into the renderer's v_image(), after the
-  // photograph's own appearance where that is learnt.
+  // Returns the operation that computes the loss of the rendered image, and its gradient into the renderer's
+  // v_image(). If the appearance is learnt, it maps the render by the appearance of the photograph first.
   ImageLoss loss(const Renderer& renderer, std::uint64_t draw, BufferView<float> sums);
-  // The step of the appearance of a draw's photograph; nothing where it is not learnt.
+  // Takes an optimiser step for the appearance of the photograph of a draw. Does nothing if the appearance is
+  // not learnt.
   void learn_appearance(Stages& stages, std::uint64_t draw, double rate, BufferView<std::uint32_t> sentinel,
                         std::uint32_t stamp);
-  BufferView<float> appearance_gradients() const { return v_appearance_.view(); }  // of a batch, by draw
+  // Returns the gradients of a batch, indexed by draw.
+  BufferView<float> appearance_gradients() const { return v_appearance_.view(); }
   std::vector<float> appearance() const;
   void set_appearance(std::span<const float> values);
 
@@ -82,10 +87,12 @@ class TrainingViews {
   const Split& test_;
   const std::uint64_t batch_;
   const std::vector<PyramidLevel> levels_;
-  int factor_ = 1;  // of the cameras and targets as they are now
+  int factor_ = 1;  // present factor of the cameras and targets
   TargetImages targets_;
-  ViewOrder order_, ahead_;                  // the second one looks ahead across the end of an epoch
-  Buffer<float> appearance_, v_appearance_;  // of all photographs, of a batch; empty where it is not learnt
+  ViewOrder order_, ahead_;  // ahead_ is used for future draws, which may be in the next epoch
+  // appearance_ is that of all photographs, and v_appearance_ is the gradient of a batch. Both are empty if
+  // the appearance is not learnt.
+  Buffer<float> appearance_, v_appearance_;
   std::optional<CameraRefiner> refiner_;
 };
 

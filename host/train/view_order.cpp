@@ -9,7 +9,8 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kViewOrderStream = 0x76696577;  // apart from every other use of the seed
+// Separates these random numbers from all others of the seed.
+constexpr std::uint32_t kViewOrderStream = 0x76696577;
 
 }  // namespace
 
@@ -19,7 +20,8 @@ std::uint32_t ViewOrder::operator()(std::uint64_t draw) {
   return permutation_[draw % views];
 }
 
-// Fisher-Yates from the identity; the bias of the multiply-high range reduction is below 2^-20.
+// Shuffles the views, which are initially in ascending order, by the method of Fisher and Yates. The bias of
+// the range reduction, which takes the high part of a product, is below 2^-20.
 void ViewOrder::shuffle(std::uint64_t epoch) {
   epoch_ = epoch;
   std::iota(permutation_.begin(), permutation_.end(), 0u);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which training view comes next: an endless sequence of random permutations (method.md 4.5), each a
-// function of (seed, epoch) alone, so that a run can be resumed anywhere without stored state.
+// ViewOrder determines which training view comes next. The order is an endless sequence of random
+// permutations (method.md 4.5). Each permutation depends only on (seed, epoch), so that a run can be resumed
+// at any iteration without stored state.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +12,8 @@ namespace ubs {
 class ViewOrder {
  public:
   ViewOrder(std::uint64_t seed, std::uint32_t views) : seed_(seed), permutation_(views) {}
-  // The view of draw number `draw` (0, 1, 2, ...); each run of `views` draws visits every view once.
+  // Returns the view of draw number `draw` (0, 1, 2, ...). Every epoch, which is `views` draws, visits each
+  // view once.
   std::uint32_t operator()(std::uint64_t draw);
 
  private:

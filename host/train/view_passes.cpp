@@ -6,7 +6,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint64_t kViewsAhead = 3;  // draws for which images are decoded ahead
+constexpr std::uint64_t kViewsAhead = 3;  // images are decoded this many draws ahead
 
 }  // namespace
 
@@ -25,8 +25,9 @@ std::uint64_t StepViews::last() const {
 
 void ViewPasses::draw(std::uint32_t camera) { renderer_.forward(splats_.view(), camera, settings_, false); }
 
-// Nothing has been changed by the gradients yet when it shows that a view had no room for its lists: the
-// step's views are drawn again, waiting, and results are the same bits as of a run that always waits.
+// After all views of the step have been rendered, the host checks whether their lists fitted. The gradients
+// have not changed anything at this point. If a list did not fit, the views of the step are rendered again,
+// with waiting. So the results are bit-identical to those of a run that always waits.
 int ViewPasses::run(const StepViews& step) {
   std::vector<UncountedView> views;
   int drawn = run(step, step.uncounted, views);
@@ -49,7 +50,7 @@ int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<Uncounted
     const RenderSettings settings = views_.settings_of(draw, settings_);
     if (uncounted)
       views.push_back(renderer_.forward_uncounted(splats_.view(), view, settings));
-    else  // waits in between
+    else  // waits for the size of the lists
       views.emplace_back(renderer_.forward(splats_.view(), view, settings, true));
     step.loss(draw);
     if (draw == last && step.keeps_records)

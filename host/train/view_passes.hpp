@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// ViewPasses draws the views of a training: forward and backward pass of those of a step, and any view for an
-// evaluation or a picture. This class is for one process. With SharedViewPasses (shared_view_passes.hpp)
-// several ranks divide the views of a step among them; then all ranks make the same calls.
+// ViewPasses renders the views of a training: it runs the forward and backward passes of the views of a step,
+// and renders any view for an evaluation or for display. This class is for one process. With SharedViewPasses
+// (shared_view_passes.hpp), several ranks divide the views of a step among them; then all ranks must make the
+// same calls.
 #pragma once
 
 #include <cstdint>
@@ -16,23 +17,25 @@
 
 namespace ubs {
 
-// (tile, splat) pairs of the training views so far.
+// Intersections, which are (tile, splat) pairs, of the training views so far.
 struct IntersectionCount {
   std::uint64_t most = 0, last = 0, total = 0, views = 0;
-  std::uint64_t repeated = 0;  // steps that were drawn again, because a view had no room for its lists
+  std::uint64_t repeated = 0;  // steps that were rendered again because the lists of a view did not fit
   double mean() const { return views > 0 ? static_cast<double>(total) / static_cast<double>(views) : 0; }
   void add(std::uint64_t pairs);
 };
 
 // The views of one step.
 struct StepViews {
-  std::uint64_t first = 0, end = 0;         // draws
-  const std::set<std::uint64_t>& left_out;  // of all draws
-  bool uncounted = false;                   // do not wait for the size of the lists
-  bool keeps_records = false;  // of the last view that is drawn: learning_renderer() has its gradient
-  std::function<void(std::uint64_t draw)> loss;  // of what renderer() has drawn, and its gradient
+  std::uint64_t first = 0, end = 0;         // range of draws
+  const std::set<std::uint64_t>& left_out;  // draws that are skipped; also contains draws of other steps
+  bool uncounted = false;                   // render without waiting for the size of the lists
+  // For the last view, stop at the gradient of the records, in learning_renderer().
+  bool keeps_records = false;
+  // Computes the loss of the image in renderer(), and its gradient.
+  std::function<void(std::uint64_t draw)> loss;
 
-  std::uint64_t last() const;  // draw that is not left out
+  std::uint64_t last() const;  // last draw that is not skipped
 };
 
 class ViewPasses {
@@ -55,17 +58,18 @@ class ViewPasses {
   const IntersectionCount& intersections() const { return intersections_; }
 
   virtual void set_cameras(const std::vector<Camera>& cameras) { renderer_.set_cameras(cameras); }
-  // Draws a view of these cameras into renderer() of the first rank.
+  // Renders the view of one of these cameras into renderer() of the first rank.
   virtual void draw(std::uint32_t camera);
-  // Forward and backward pass of each view, into TrainedSplats::v_params(). Returns how many were drawn.
+  // Runs the forward and backward pass of each view and adds the gradients in TrainedSplats::v_params().
+  // Returns how many views were rendered.
   virtual int run(const StepViews& step);
-  // Copies to the device what the first view of an iteration wants.
+  // Starts to copy the photograph of the first view of an iteration to the device.
   virtual void upload_first(int iteration) { views_.upload(views_.first_draw(iteration)); }
-  // What Renderer::learn() of a step is called on.
+  // Returns the renderer on which Renderer::learn() of a step must be called.
   virtual Renderer& learning_renderer() { return renderer_; }
-  // Makes rows that are written by draw, `width` values each, the same on all ranks.
+  // Makes rows that are indexed by draw, with `width` values each, the same on all ranks.
   virtual void merge(BufferView<float>, std::size_t) const {}
-  // Of the test views; `more` and `fit` as for evaluate().
+  // Measures the test views. `more` and `fit` are those of evaluate().
   virtual Metrics evaluate_test(ImageMetrics* more, Appearance fit);
 
  protected:

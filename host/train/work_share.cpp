@@ -36,10 +36,10 @@ int WorkShare::iteration_at(double steps) const {
   const double share = steps / kScheduleLength;
   const auto next = std::ranges::lower_bound(points_, share, {}, &SharePoint::share);
   const auto [from, to] = piece_before(static_cast<std::size_t>(next - points_.begin()));
-  if (to.iteration <= from.iteration) return to.iteration;  // behind the end
+  if (to.iteration <= from.iteration) return to.iteration;  // after the end of the run
   const double part = (share - from.share) / (to.share - from.share);
   const auto nearest = from.iteration + std::llround(part * (to.iteration - from.iteration));
-  // Never an iteration of the piece before, which is over when this piece begins.
+  // Never return an iteration of the previous piece, which has ended when this piece starts.
   return std::max(static_cast<int>(nearest), from.iteration > 0 ? from.iteration + 1 : 0);
 }
 

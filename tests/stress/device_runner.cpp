@@ -60,7 +60,7 @@ DeviceResult DeviceRunner::run(const Case& c, const std::vector<float>& weights)
                   std::as_bytes(std::span<const float>(padded_planes(weights, f.renderer.shape()))));
     f.v_params.reserve(static_cast<std::size_t>(model.rows()) * model.stride());
     f.renderer.backward(f.v_params.view(), false);
-    // In one piece: a copy a row costs more than a small case's kernels.
+    // Download all rows at once, because one copy per row costs more than the kernels of a small case.
     std::vector<float> rows(static_cast<std::size_t>(model.rows()) * model.stride());
     f.v_params.download(std::span(rows));
     result.gradient = SplatModel(c.model.dim, c.model.count, c.model.variant);

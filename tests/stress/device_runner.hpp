@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws cases and takes their gradients on a device. Kernels are compiled once a form of the method; buffers
-// stay between cases.
+// DeviceRunner renders cases and computes their gradients on a device. Kernels are compiled once per variant,
+// and buffers are reused between cases.
 #pragma once
 
 #include <functional>
@@ -17,7 +17,8 @@ namespace ubs::stress {
 struct DeviceResult {
   std::vector<float> image;  // (3, H, W)
   std::vector<float> alpha;  // (H, W)
-  SplatModel gradient;       // of sum(weights * image), in the place of each parameter
+  // Each parameter is replaced by the derivative of sum(weights * image) with respect to it.
+  SplatModel gradient;
   ListTotals totals;
 };
 
@@ -28,14 +29,16 @@ class DeviceRunner {
   DeviceRunner(Device& device, RasterKind raster);
   ~DeviceRunner();
 
-  // weights: (3, H, W); empty: only the image. Throws Error(memory) as rendering does.
+  // Renders a case. `weights` are (3, H, W); empty: only the image is computed. Throws Error(memory) like
+  // rendering.
   DeviceResult run(const Case& c, const std::vector<float>& weights);
-  // Stages and renderer of a form of the method, for rows that drive stages themselves.
+  // Returns the stages of a variant, for rows that use stages directly.
   Stages& stages(int dim, const ModelVariant& variant = {}, bool query_grad = false);
   Device& device() { return device_; }
   RasterKind raster() const { return raster_; }
 
-  // Called on every result before it is judged: a fault put in by a test must be found.
+  // Called with every result before it is judged. Tests use it to introduce faults, which must then be
+  // detected.
   std::function<void(const Case&, DeviceResult&)> disturb;
 
  private:

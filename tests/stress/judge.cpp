@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See judge.hpp.
 #include "tests/stress/judge.hpp"
 
 #include <algorithm>
@@ -12,13 +11,15 @@
 namespace ubs::stress {
 namespace {
 
-// Norms below this are zeros: the weights of the pixels are of size 1, and Adam's epsilon is 1e-15.
+// Norms below this count as zero: the weights of the pixels have a magnitude of 1, and Adam's epsilon is
+// 1e-15.
 constexpr double kNothing = 1e-20;
-// A reference above this share of the largest float is beyond single precision.
+// Values of the reference above this limit count as outside the range of single precision.
 constexpr double kMost = 1e34;
-// Share of decided pixels below which nothing is compared.
+// If the share of decided pixels is below this, nothing is compared.
 constexpr double kMinDecided = 0.05;
-// A pixel may leave the range of its colours by this much of their size: rounding of the weights' sum.
+// A pixel may exceed the range of its colours by this share of their magnitude, because the sum of the
+// weights is rounded.
 constexpr double kRangeSlack = 1e-5;
 
 double norm(std::span<const double> values) {
@@ -47,7 +48,7 @@ oracle::Options oracle_options(const Case& c) {
   return options;
 }
 
-// Relative distance of two images over the decided pixels.
+// Returns the relative distance of two images over the decided pixels.
 template <class T>
 double image_distance(std::span<const T> a, const oracle::Study& study) {
   const std::vector<double>& b = study.image.image;
@@ -68,7 +69,7 @@ void compare_images(const Expectation& expected, const DeviceResult& actual, Ver
     v.value_floor = std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study));
 }
 
-// The group with the largest error in units of what it is allowed.
+// Stores the errors of the group with the largest ratio of error to allowed error.
 void compare_gradients(const Case& c, const Expectation& expected, const DeviceResult& actual, Verdict& v) {
   double worst = -1;
   const std::span<const double> reference(expected.study.gradient);
@@ -93,7 +94,8 @@ void compare_gradients(const Case& c, const Expectation& expected, const DeviceR
   }
 }
 
-// Property 1: between the smallest and the largest of the background and the colours that may be drawn.
+// Checks property 1: pixels must be between the minimum and the maximum of the background and of the colours
+// of splats that may be visible. Returns the problem, or an empty text.
 std::string outside_colours(const Case& c, const oracle::Study& study, const DeviceResult& actual) {
   if (c.model.variant.colour != ColourMode::rgb) return "";
   const std::size_t pixels = actual.alpha.size();
@@ -125,7 +127,7 @@ std::string touched_when_culled(const Case& c, const oracle::Study& study, const
   return "";
 }
 
-// What must hold for every case, whatever its numbers.
+// Checks what must hold for every case, independently of its numbers.
 void check_promises(const Case& c, const Expectation& expected, const DeviceResult& actual, Verdict& v) {
   const bool image = all_finite(actual.image) && all_finite(actual.alpha);
   const bool gradient = all_finite(actual.gradient.values);
@@ -183,7 +185,7 @@ Expectation expect(const Case& c) {
 
 namespace {
 
-// Which of the outcomes the errors of a case that keeps all promises are.
+// Determines the outcome from the errors of a case that satisfies all properties.
 void classify(const oracle::Study& study, Verdict& v) {
   const double decided = static_cast<double>(v.pixels - v.undecided) / static_cast<double>(v.pixels);
   const bool value_conditioned = v.value_error <= std::max(kPromise, kConditioning * v.value_floor);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's answer to a case against the float64 oracle (host/lab/oracle/study.hpp): what must hold for
-// every case, how large the errors are, and what they are allowed to be.
+// examine() compares the result of a device for a case with the float64 oracle (host/lab/oracle/study.hpp).
+// It checks what must hold for every case, and measures the errors and the errors that are allowed.
 #pragma once
 
 #include <limits>
@@ -15,20 +15,22 @@ namespace ubs::stress {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Relative 2-norm error of an image and of a gradient by parameter group that is promised wherever the
-// inputs' own rounding does not make more.
+// The promised relative error (2-norm) of an image, and of a gradient by parameter group. It holds unless the
+// rounding of the inputs alone causes a larger error.
 inline constexpr double kPromise = 1e-3;
-// Times the change that half-ulp rounding of the inputs makes, beyond which an error is the program's own.
+// An error above this multiple of the change that half-ulp rounding of the inputs causes is an error of the
+// program itself.
 inline constexpr double kConditioning = 32;
 
-// float64: within the promise. inputs: above it, but not more than rounding of the inputs explains. known: a
-// stated limit of the formulas (known_limits.hpp). undecided: rounding decides nearly everywhere, or the
-// numbers are beyond single precision; only what must always hold was asked. failed: anything else.
+// float64: the errors are within the promise. inputs: they are larger, but rounding of the inputs explains
+// them. known: a stated limit of the formulas explains them (known_limits.hpp). undecided: rounding decides
+// nearly everywhere, or the numbers exceed single precision, so only what must always hold was checked.
+// failed: everything else.
 enum class Outcome { float64, inputs, known, undecided, failed };
 inline constexpr std::size_t kOutcomes = 5;
 std::string_view to_string(Outcome outcome);
 
-// What is wrong with a failed case.
+// The kind of error of a failed case.
 enum class Fault {
   none,
   refused,
@@ -43,24 +45,25 @@ enum class Fault {
 struct Verdict {
   Outcome outcome = Outcome::float64;
   Fault fault = Fault::none;
-  std::string limit;    // of `known`: its name
-  double rounding = 0;  // of `known`: half an ulp times the number that the limit names
-  std::string problem;  // of `failed`: what is wrong
+  std::string limit;                           // if `known`: name of the limit
+  double rounding = 0;                         // if `known`: half an ulp times the amplification of the limit
+  std::string problem;                         // if `failed`: description of the error
   double value_error = 0, gradient_error = 0;  // relative 2-norms over the decided pixels
-  double value_floor = 0, gradient_floor = 0;  // what half-ulp rounding of the inputs makes
+  double value_floor = 0, gradient_floor = 0;  // errors that half-ulp rounding of the inputs causes
   std::string worst_group;
   std::size_t drawn = 0, pixels = 0, undecided = 0;
 };
 
-// The half of the work that needs no device; cases may be prepared in parallel.
+// Expectation is the part of the work that needs no device. Cases may be prepared in parallel.
 struct Expectation {
-  std::vector<float> all_weights;  // properties are asked of these
-  std::vector<float> weights;      // of undecided pixels 0: these are compared
+  std::vector<float> all_weights;  // used for checking properties
+  std::vector<float> weights;      // 0 at undecided pixels; used for comparing
   oracle::Study study;
 };
 Expectation expect(const Case& c);
 
-// The device's half. A refusal or a failure of the device is a failed verdict.
+// Does the part of the work that needs the device. If the device refuses the case or fails, the verdict is
+// `failed`.
 Verdict answer(const Case& c, const Expectation& expected, DeviceRunner& runner);
 inline Verdict examine(const Case& c, DeviceRunner& runner) { return answer(c, expect(c), runner); }
 

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// See known_limits.hpp.
 #include "tests/stress/known_limits.hpp"
 
 #include <algorithm>
@@ -17,21 +16,19 @@ double allowed(double rounding, const KnownLimit& limit) {
 
 }  // namespace
 
-// Factors are at most twice the largest observed in 61 580 cases (seed 7) on PoCL (AVX-512), rasteriser cpu:
-// 180; 29; 8.0 (in 130 000 cases of an earlier form of the formulas).
+// Factors are at most twice the largest values that were observed in 61 580 cases (seed 7) on PoCL (AVX-512)
+// with rasteriser cpu: 180; 29; 8.0 (the last one in 130 000 cases of an earlier version of the formulas).
 const std::vector<KnownLimit>& known_limits() {
   static const std::vector<KnownLimit> kLimits{
-      // Sizes of the terms of the ellipse on the image over its determinant: needles, discs seen from the
-      // side, splats
-      // far beside the axis.
+      // Magnitude of the terms of the ellipse in the image / its determinant. It is large for needles, discs
+      // that are seen from the side, and splats far beside the axis.
       {"cancelling conic", [](const oracle::Study& s) { return s.amplification; }, 360, 2e-4},
-      // Sizes of the gradient's parts through the mean, the ellipse and the rest over the size of their sum:
-      // splats that
-      // cover the image from far outside.
+      // Magnitude of the parts of the gradient through the mean, the ellipse and the rest / magnitude of
+      // their sum. It is large for splats that cover the image from far outside.
       {"cancelling gradient", [](const oracle::Study& s) { return s.gradient_cancellation; }, 58, kInfinity},
-      // Largest colour over the smallest.
+      // Largest colour / smallest colour.
       {"contrast of colours", [](const oracle::Study& s) { return s.colour_contrast; }, 16, 0.1},
-      // A query row of zeros whose scale is below 1e-30: the value is defined, the slope is not.
+      // For a query row of zeros whose scale is below 1e-30, the value is defined, but the slope is not.
       {"lifted pivot", [](const oracle::Study& s) { return s.floored > 0 ? kInfinity : 0; }, 0, 1},
   };
   return kLimits;
@@ -41,7 +38,8 @@ double limit_rounding(const KnownLimit& limit, const oracle::Study& study) {
   return kHalfUlp * limit.amplification(study);
 }
 
-// Effects add; the one that allows most names the case.
+// The allowed errors of all limits are added. The case gets the name of the limit that allows the largest
+// error.
 const KnownLimit* known_limit(const oracle::Study& study, const Verdict& v) {
   if (!(v.value_error <= std::max(kPromise, kConditioning * v.value_floor))) return nullptr;
   double gradient = std::max(kPromise, kConditioning * v.gradient_floor), largest = 0;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the formulas of kernels/math lose more than the promise. Each limit names a number of the model by
-// which rounding is amplified; the error of a gradient may be a stated multiple of (half an ulp) * (that
-// number), at most twice what was observed. Images have no known limits. A run counts the cases by limit and
-// fails where one gets worse.
+// KnownLimit describes a situation in which the formulas of kernels/math have a larger error than promised.
+// Each limit names a property of the model by which rounding is amplified. The error of a gradient may then
+// reach a stated multiple of (half an ulp) * (this amplification). The stated multiple is at most twice the
+// largest multiple that was observed. There are no known limits for images. A run counts the cases by limit,
+// and fails if one becomes worse.
 #pragma once
 
 #include <string>
@@ -17,15 +18,18 @@ struct Verdict;
 struct KnownLimit {
   std::string name;
   double (*amplification)(const oracle::Study&);
-  double factor;  // largest gradient error in units of 2^-24 * amplification
-  // From this 2^-24 * amplification on no digit of the gradient is promised: only that all is finite.
+  double factor;  // largest allowed gradient error in units of 2^-24 * amplification
+  // If 2^-24 * amplification is at least this, no digit of the gradient is promised, only that all values are
+  // finite.
   double lost;
 };
 
 const std::vector<KnownLimit>& known_limits();
-double limit_rounding(const KnownLimit& limit, const oracle::Study& study);  // r = 2^-24 * amplification
+// Returns r = 2^-24 * amplification.
+double limit_rounding(const KnownLimit& limit, const oracle::Study& study);
 
-// The limit that explains the errors of the case, null where they are larger than all limits together allow.
+// Returns the limit that explains the errors of the case, or null if they are larger than all limits together
+// allow.
 const KnownLimit* known_limit(const oracle::Study& study, const Verdict& verdict);
 
 }  // namespace ubs::stress

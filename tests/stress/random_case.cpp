@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See random_case.hpp. Positions are chosen in the frame of the camera: what is not seen tests little.
+// This file implements random_case(). Positions are chosen in the frame of the camera, because invisible
+// splats test little.
 #include "tests/stress/random_case.hpp"
 
 #include <fmt/format.h>
@@ -50,7 +51,7 @@ void random_size(Random& r, Camera& camera) {
   }
 }
 
-// Orthonormal to double precision: rounding to float is the program's.
+// Sets a rotation that is orthonormal to double precision. The program under test rounds it to float.
 void random_rotation(Random& r, Camera& camera) {
   double q[4], length = 0;
   for (double& x : q) x = r.normal(), length += x * x;
@@ -84,7 +85,7 @@ Camera random_camera(Random& r, int dim) {
   return camera;
 }
 
-// Raw parameters of one splat while it is made up.
+// The raw parameters of one splat during its creation.
 struct Splat {
   explicit Splat(const ParameterLayout& layout) : l(layout), raw(static_cast<std::size_t>(layout.count)) {}
   double& at(int row) { return raw[static_cast<std::size_t>(row)]; }
@@ -136,7 +137,7 @@ void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
     s.at(row) = row < l.rgb + 3 ? r.uniform(0, 1) : 0.2 * r.normal();
   s.at(l.opacity) = r.uniform(-3, 3);
   for (int row = l.beta; row < l.mean; ++row) s.at(row) = r.uniform(-1.5, 1);
-  // Footprints of a few pixels to the whole image.
+  // Footprints range from a few pixels to the whole image.
   const double size = depth / c.fx * r.uniform(1, 0.6 * std::max(4, std::min(c.width, c.height)));
   for (int i = 0; i < l.dim; ++i)
     s.at(l.scale + i) = inverse_softplus_of(i < 3 ? size * r.uniform(0.3, 1.5) : r.uniform(0.5, 1.5));
@@ -145,7 +146,7 @@ void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
   aim(s, scene, r, 0.35);
 }
 
-// ---- One property driven to an extreme ----
+// ---- Functions that make one property extreme ----
 
 void extreme_betas(Splat& s, Random& r) {
   for (int row = s.l.beta; row < s.l.mean; ++row)
@@ -172,7 +173,7 @@ void large_rotation(Splat& s, Random& r) {
   for (int i = 0; i < s.rotations(); ++i) s.at(s.l.l_triangle + i) = size * r.uniform(-1, 1);
 }
 
-// Query scales far below the coupling: the condition number of Sigma_q is about the square of the ratio.
+// Sets query scales far below the coupling. The condition number of Sigma_q is about the square of the ratio.
 void coupled_query(Splat& s, Random& r) {
   const double ratio = log_uniform(r, 10, 1e6), size = log_uniform(r, 0.1, 3);
   for (int row = s.l.l_triangle + 3; row < s.l.count; ++row) s.at(row) = size * r.normal();
@@ -227,7 +228,7 @@ void around_camera(Splat& s, const Scene& scene, Random& r) {
   aim(s, scene, r, 0.3);
 }
 
-// The query exactly at the mean, far from it, or at the floor of the tanh.
+// Places the query exactly at the mean, far from it, or at the floor of the tanh.
 void at_query(Splat& s, const Scene& scene, Random& r) {
   const std::vector<double> q = query_at(s, scene);
   constexpr double kOffsets[] = {0, 1e-6, 1, 2.884, 3, 30, 1e4};
@@ -316,7 +317,7 @@ Case random_case(std::uint64_t seed, std::uint64_t number) {
     if (poisoned && chance(r, 0.5)) poison(s, r);
     for (int row = 0; row < layout.count; ++row) c.model.row(row)[i] = static_cast<float>(s.at(row));
   }
-  if (c.model.count > 1 && chance(r, 0.1))  // twins: equal depths
+  if (c.model.count > 1 && chance(r, 0.1))  // two splats with equal depths
     for (int row = 0; row < layout.count; ++row)
       if (row < layout.rgb || row >= layout.opacity)
         c.model.row(row)[0] = c.model.row(row)[c.model.count - 1];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The largest gradient error of tests/pipeline/oracle_comparison_test.cpp (1025 splats) comes from pixels on
-// the rims of kernels with beta < 1: without the weights of four pixels it falls to a hundredth.
+// This test shows the origin of the largest gradient error of tests/pipeline/oracle_comparison_test.cpp (1025
+// splats): pixels at the rims of kernels with beta < 1. Without the weights of four pixels, it is a hundred
+// times smaller.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -13,7 +14,7 @@
 namespace ubs::stress {
 namespace {
 
-constexpr double kRim = 3e-3;  // 1 - r of the pixels that are left out
+constexpr double kRim = 3e-3;  // pixels with a smaller 1 - r are excluded
 
 struct RimScene {
   oracle::Scene scene =
@@ -39,7 +40,7 @@ std::vector<bool> rim_pixels(const RimScene& v) {
   return result;
 }
 
-// Of the group where it is largest.
+// Returns the gradient error of the group where it is largest.
 double gradient_error(const RimScene& v, DeviceRunner& runner, const std::vector<double>& weights) {
   Case c;
   c.model = v.scene.model, c.camera = v.scene.camera;
@@ -76,8 +77,8 @@ TEST_CASE_METHOD(Row, "four pixels on rims make the gradient error of the compar
   for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
     if (raster == RasterKind::cpu && device().info().backend == "cuda") continue;
     DeviceRunner runner(device(), raster);
-    CHECK(gradient_error(v, runner, weights) < 1.3e-3);  // worst observed 6.7e-4
-    CHECK(gradient_error(v, runner, inner) < 1.5e-5);    // worst observed 7.1e-6
+    CHECK(gradient_error(v, runner, weights) < 1.3e-3);  // largest observed: 6.7e-4
+    CHECK(gradient_error(v, runner, inner) < 1.5e-5);    // largest observed: 7.1e-6
   }
 }
 

@@ -11,7 +11,7 @@ namespace ubs::stress {
 namespace {
 
 constexpr double kFewDigits =
-    2e-4;  // above this relative rounding, ratios of error and rounding mean nothing
+    2e-4;  // Above this relative rounding, the ratio of error to rounding is meaningless.
 
 std::size_t started_rows = 0;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Row is the fixture of the stress test cases. A row is a TEST_CASE_METHOD(Row, ...) that examines cases of
-// one stiff or extreme situation on the device of the command line. When it ends, it prints how many of its
-// cases had which outcome and the largest errors, to std::cout, which the reporters of Catch2 put into their
+// Row is the fixture of the stress test cases. A row is a TEST_CASE_METHOD(Row, ...) that checks cases of one
+// difficult or extreme situation on the device of the command line. At its end, it prints the number of cases
+// with each outcome and the largest errors to std::cout. The reporters of Catch2 include this text in their
 // JUnit and XML files.
 #pragma once
 
@@ -13,15 +13,16 @@
 
 namespace ubs::stress {
 
-// What the command line of run_stress chooses.
+// The options of the command line of run_stress.
 struct StressOptions {
   std::string device, raster = "auto";
-  std::int64_t seed = 1, first = 0, cases = 3000;  // random cases first to first + cases - 1 of the seed
+  // Random cases from `first` to `first` + `cases` - 1 of the seed.
+  std::int64_t seed = 1, first = 0, cases = 3000;
 };
 
 class Row {
  public:
-  // Sets what all rows use. Both references must outlive the test run.
+  // Sets the objects that all rows use. Both references must outlive the test run.
   static void use(DeviceRunner& runner, const StressOptions& options);
   // Returns how many rows have been started.
   static std::size_t started();
@@ -34,9 +35,10 @@ class Row {
 
   // Renders the case, compares it with float64, and counts the result as take() does.
   Verdict check_case(const Case& c);
-  // Counts the verdict; a failed one fails the test case.
+  // Counts the verdict. A verdict `failed` fails the test case.
   void take(const Case& c, const Verdict& verdict);
-  // For comparisons other than those of images: fails if `error` is above kPromise.
+  // Checks an error of a comparison other than that of images. The test case fails if `error` is above
+  // kPromise.
   void check_error(double error, const std::string& what);
   std::size_t count(Outcome outcome) const { return outcomes_[static_cast<std::size_t>(outcome)]; }
 
@@ -45,8 +47,9 @@ class Row {
   static const StressOptions* options_;
   std::array<std::size_t, kOutcomes> outcomes_{};
   std::size_t cases_ = 0;
-  double value_error_ = 0, gradient_error_ = 0;  // the largest of decided cases
-  std::map<std::string, double> limit_factors_;  // the largest gradient error above the promise / rounding
+  double value_error_ = 0, gradient_error_ = 0;  // largest errors of the decided cases
+  // Largest (gradient error - allowed error) / rounding, by limit.
+  std::map<std::string, double> limit_factors_;
 };
 
 }  // namespace ubs::stress

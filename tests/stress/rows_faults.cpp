@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Faults planted into the results of a device are found, and named.
+// This file tests that faults are detected and named correctly. The faults are introduced into the results of
+// a device.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -9,7 +10,8 @@
 namespace ubs::stress {
 namespace {
 
-// One parameter's gradient of the last splat is one percent too large, as a wrong backward formula has it.
+// Increases the gradient of one parameter of the last splat by one percent, as a wrong backward formula might
+// do.
 void disturb_gradient(const Case& c, DeviceResult& result) {
   if (c.model.count == 0 || result.gradient.count == 0) return;
   result.gradient.row(c.model.layout().opacity)[c.model.count - 1] *= 1.01f;
@@ -31,7 +33,7 @@ TEST_CASE_METHOD(Row, "a wrong pixel, a NaN, a touched culled splat and a colour
                  "[judge]") {
   DeviceRunner faulty(device(), runner().raster());
   Case c = ordinary_case("faults", 3, 4);
-  c.model.row(2)[1] = -5;  // behind the camera
+  c.model.row(2)[1] = -5;  // the splat is behind the camera
   const auto fault_of = [&](auto disturb) {
     faulty.disturb = disturb;
     return examine(c, faulty).fault;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Properties of every model: order and definiteness. judge.cpp checks the others for every case of every row:
-// images stay within their colours, gradients are finite, those of culled splats are zero, and all others are
-// those of float64.
+// This file tests properties of every model: order and definiteness. judge.cpp checks the other properties
+// for every case of every row: images stay within the range of their colours, gradients are finite, gradients
+// of culled splats are zero, and all other gradients agree with float64.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -20,8 +20,8 @@ Case permuted(const Case& c, const std::vector<std::size_t>& order) {
   return result;
 }
 
-// Turns a few splats into needles, and gives every second splat small query scales with weights below 1. In
-// another order of the splats, other ones share a vector with a needle.
+// Turns a few splats into needles, and gives every second splat small query scales with weights below 1. If
+// the splats are reordered, different splats share a vector with a needle.
 void stiffen(Case& c) {
   const ParameterLayout& layout = c.model.layout();
   for (std::size_t i = 0; i < c.model.count; ++i) {
@@ -40,7 +40,8 @@ void stiffen(Case& c) {
   }
 }
 
-// Depths differ: another order of the splats gives the same image bits, and their gradients move along.
+// All depths differ, so reordering the splats must give a bit-identical image, and gradients in the new
+// order.
 TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradients are bit-identical",
                  "[property]") {
   Random random(11);
@@ -63,7 +64,8 @@ TEST_CASE_METHOD(Row, "order: in another order of the splats, image and gradient
     }
 }
 
-// Strongly coupled random models, all of them in the image: how many the conditioning makes indefinite.
+// Returns a case with strongly coupled random splats. All splats are in the image. The test counts how many
+// become indefinite because of the conditioning.
 Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
   Case c = row_case("coupled", dim, 200, {.cov_mode = mode});
   Random random(seed);
@@ -72,7 +74,7 @@ Case coupled_case(int dim, CovMode mode, std::uint64_t seed) {
     const double z = random.uniform(2, 4);
     plan.position = {0.3 * z * random.uniform(-1, 1), 0.3 * z * random.uniform(-1, 1), z};
     plan.coupling = std::exp(random.uniform(-1, 1.5));
-    // The footprint shall not vanish in eps2d: an indefinite one would hide.
+    // Scales are large compared with eps2d, because otherwise eps2d would hide an indefinite footprint.
     plan.scale = {2, 2, 2};
     put_splat(c, i, plan);
     const ParameterLayout l = c.model.layout();

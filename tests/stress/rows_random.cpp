@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random cases: many small ones, each compared with float64. Which cases are compared depends on --seed,
-// --first and
-// --cases alone. In batches: while the oracle uses all cores the device waits, and the other way round,
-// because a CPU device would have to share the cores anyway.
+// This file tests many small random cases and compares each of them with float64. Only --seed, --first and
+// --cases determine which cases are compared. They are processed in batches: the device waits while the
+// oracle uses all cores, and vice versa, because a CPU device would have to share the cores anyway.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -44,7 +43,7 @@ TEST_CASE_METHOD(Row, "random cases", "[random]") {
   if (cases >= 100) CHECK(count(Outcome::float64) > cases * 4 / 5);
 }
 
-// Hidden, since it fails: for tests of what a failure looks like.
+// This test case is hidden, because it fails. It serves to test the output of a failure.
 TEST_CASE_METHOD(Row, "random cases on a faulty device", "[.]") {
   DeviceRunner faulty(device(), runner().raster());
   faulty.disturb = [](const Case&, DeviceResult& result) { std::ranges::fill(result.image, NAN); };

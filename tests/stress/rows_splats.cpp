@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows about single splats: what their parameters may be and where they may stand. Each is a set of cases
-// compared with float64.
+// This file contains rows about single splats: the values of their parameters, and their positions. Each row
+// is a set of cases that are compared with float64.
 #include <catch2/catch.hpp>
 #include <cfloat>
 #include <cmath>
@@ -12,8 +12,8 @@
 namespace ubs::stress {
 namespace {
 
-// Depths at which the camera and the near plane are met exactly: rotation and centre are exact, and without a
-// coupling the conditional mean is the mean.
+// Splats are exactly at the depth of the camera or of the near plane: rotation and centre are exact, and
+// without coupling the conditional mean equals the mean.
 TEST_CASE_METHOD(Row, "near plane: means at 0, +-1e-8, the near plane and one ulp beside it", "[splat]") {
   const float near = 0.01f;
   for (const int dim : kRowDims)
@@ -60,8 +60,8 @@ TEST_CASE_METHOD(Row, "principal point: up to 3000 px outside a 32 px image", "[
     }
 }
 
-// Beside eps2d a thin axis only shows in large footprints: also seen through a lens of 32 times the focal
-// length.
+// Because of eps2d, a thin axis is only visible in large footprints. So the splats are also rendered with 32
+// times the focal length.
 TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
   for (const int dim : kRowDims)
     for (const double zoom : {1.0, 32.0})
@@ -80,7 +80,8 @@ TEST_CASE_METHOD(Row, "needles: scale ratios 1e1 to 1e7", "[splat]") {
       }
 }
 
-// A raw -inf is not drawn; the smallest finite scales are dots of half a pixel, the radius of eps2d.
+// A splat with a raw scale of -inf is not rendered. The smallest finite scales give dots with a radius of
+// half a pixel, which comes from eps2d.
 TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -inf, -200)", "[splat]") {
   for (const int dim : kRowDims)
     for (const int zeros : {1, 2, 3, 4}) {
@@ -88,7 +89,7 @@ TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -
       SplatPlan plan;
       for (std::size_t k = 0; k < 3; ++k)
         if (static_cast<int>(k) < zeros) plan.scale[k] = 0;
-      plan.position = {-0.03125, -0.03125, 2};  // half a pixel: on a pixel centre
+      plan.position = {-0.03125, -0.03125, 2};  // half a pixel off the axis, at a pixel centre
       if (zeros == 4) plan = {}, plan.query_scale = 0, plan.coupling = 0;
       put_splat(c, 0, plan);
       check_case(c);
@@ -101,7 +102,7 @@ TEST_CASE_METHOD(Row, "zero scales: one, two, three or the query scales 0 (raw -
 TEST_CASE_METHOD(Row, "zero rows: all parameters 0; the quaternion 0", "[splat]") {
   for (const int dim : kRowDims) {
     Case c = row_case("zero_row", dim, 3);
-    c.camera.translation = {0, 0, 2};  // zeros are in front of the camera
+    c.camera.translation = {0, 0, 2};  // positions of 0 are then in front of the camera
     for (int row = 0; row < c.model.layout().count; ++row) c.model.row(row)[0] = 0;
     check_case(c);
   }
@@ -110,7 +111,7 @@ TEST_CASE_METHOD(Row, "zero rows: all parameters 0; the quaternion 0", "[splat]"
   check_case(c);
 }
 
-// Opacities that round to 1 in many layers: alpha is capped at 0.999, the stop acts on the second one.
+// Opacities in many layers round to 1. Alpha is limited to 0.999, and pixels stop at the second layer.
 TEST_CASE_METHOD(Row, "opaque layers: 60 layers of opacity up to exactly 1", "[splat]") {
   for (const int dim : kRowDims)
     for (const double raw : {3.0, 6.90675478, 8.0, 17.0, 100.0, kInfinity}) {
@@ -144,7 +145,8 @@ TEST_CASE_METHOD(Row, "faint: opacities from 1/255 to 0", "[splat]") {
   }
 }
 
-// One value of one splat is poisoned; the others must look as if it had done no harm.
+// One value of one splat is replaced by a special value. The other splats must be rendered as if it had no
+// effect.
 TEST_CASE_METHOD(Row, "poison: every parameter of a splat NaN, +-inf, +-FLT_MAX, denormal, -0", "[splat]") {
   constexpr double kValues[] = {kInfinity, -kInfinity, NAN, FLT_MAX, -FLT_MAX, FLT_MIN, 1e-45, -0.0};
   for (const int dim : {3, 6, 7})
@@ -181,7 +183,7 @@ TEST_CASE_METHOD(Row, "high betas: raw betas 0 to 12, spatial and query", "[spla
   check_betas(*this, 0, 12);
 }
 
-// Condition numbers of Sigma_q of about the square of coupling / scale: 1 to 1e12.
+// The condition number of Sigma_q is about the square of coupling / scale: 1 to 1e12.
 TEST_CASE_METHOD(Row, "query condition: condition number of Sigma_q to 1e12", "[splat]") {
   for (const int dim : {4, 5, 6, 7})
     for (const double ratio : {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6})
@@ -201,7 +203,7 @@ TEST_CASE_METHOD(Row, "query condition: condition number of Sigma_q to 1e12", "[
 TEST_CASE_METHOD(Row, "queries: query = +-mean, camera in the splat, times 0, 1, outside", "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double time : {0.0, 1.0, -1.0, 2.0})
-      for (const double offset : {0.0, -1.0}) {  // at the query exactly, or opposite to the direction
+      for (const double offset : {0.0, -1.0}) {  // exactly at the query, or opposite to the direction
         Case c = row_case("query", dim, 2);
         c.camera.time = time;
         SplatPlan plan;
@@ -212,7 +214,7 @@ TEST_CASE_METHOD(Row, "queries: query = +-mean, camera in the splat, times 0, 1,
           for (int q = 0; q < l.query; ++q) c.model.row(l.mean + q)[0] *= -1;
         check_case(c);
       }
-  for (const int dim : kRowDims)  // inside the splat, at its mean, and just beside it
+  for (const int dim : kRowDims)  // the camera is inside the splat, at its mean or close to it
     for (const double z : {0.0, 1e-30, 1e-13, 1e-6, 0.02, 0.3}) {
       Case c = row_case("inside", dim, 2);
       SplatPlan plan;
@@ -234,8 +236,9 @@ TEST_CASE_METHOD(Row, "saturated query: queries 2 to 1e30 from the mean", "[spla
       }
 }
 
-// Diagonals of the precision's factor from nothing to splats that are seen from a thousandth of all
-// directions, queries near and far from the mean, no and full weights.
+// Diagonal entries of the factor of the precision range from 0 to values at which a splat is visible from
+// only a thousandth of all directions. Queries are near to and far from the mean, and weights are zero and
+// full.
 TEST_CASE_METHOD(Row, "direct conditioning: diagonals of L 0 to 1e3", "[splat]") {
   for (const int dim : {4, 6, 7})
     for (const double precision : {0.0, 1e-6, 1e-2, 1.0, 10.0, 29.0, 31.0, 1e2, 1e3})
@@ -254,7 +257,7 @@ TEST_CASE_METHOD(Row, "direct conditioning: diagonals of L 0 to 1e3", "[splat]")
         }
 }
 
-// Thresholds that both sides meet exactly: eps2d 0 and 24 / 96 * 8 make a radius of exactly 2 pixels.
+// Both sides meet the thresholds exactly: with eps2d 0, 24 / 96 * 8 gives a radius of exactly 2 pixels.
 TEST_CASE_METHOD(Row, "rim and tiles: r = 1 at a pixel centre, means on tile edges", "[splat]") {
   for (const double shift : {0.5, 0.0, 16.0, 8.0}) {
     Case c = row_case("rim", 3, 1);

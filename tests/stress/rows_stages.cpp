@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows about what happens to an image or to parameters outside the renderer: the loss, Adam, relocation and
-// growth, noise.
+// This file contains rows about stages outside the renderer that process an image or parameters: the loss,
+// Adam, relocation and growth, noise.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cfloat>
@@ -119,8 +119,8 @@ std::vector<AdamResult> device_adam(DeviceRunner& runner, const std::vector<floa
   return result;
 }
 
-// Gradients below 1e-15 (epsilon) and above 1.8e19 (whose square is infinite) give steps that vanish; all
-// others those of double precision.
+// Gradients below 1e-15 (epsilon) and above 1.8e19 (whose square is infinite) must give steps that vanish.
+// All other gradients must give the steps of double precision.
 TEST_CASE_METHOD(Row, "Adam: gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1e-15", "[stage]") {
   std::vector<float> gradients{0.0f, -0.0f, 1e-45f, -1e-42f, 1e19f};
   for (int e = -37; e <= 18; ++e)
@@ -137,14 +137,15 @@ TEST_CASE_METHOD(Row, "Adam: gradients 1e-45 to 1e38, steps 1 to 1e10, epsilon 1
       const auto step_with = [&](double square) {
         return -0.01f * (m / bias1) / (std::sqrt(square / bias2) + 1e-15);
       };
-      // A denormal second moment may be 0.
+      // A denormal second moment may be flushed to 0.
       const double expected = step_with(v), other = v < FLT_MIN ? step_with(0) : expected;
       const double error = std::min(std::abs(actual[i].param - expected), std::abs(actual[i].param - other));
       INFO("gradient " << gradients[i] << " at step " << step);
       CHECK(std::isfinite(actual[i].param));
       CHECK(std::isfinite(actual[i].moment1));
       CHECK(std::isfinite(actual[i].moment2));
-      // Steps far below the rate are the region of epsilon; flushed denormals may make them exact zeros.
+      // Steps far below the learning rate are dominated by epsilon, and flushed denormals may make them
+      // exactly zero.
       check_error(error / std::max(std::abs(expected), 1e-7), "step");
     }
   }
@@ -205,7 +206,8 @@ TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies 
   check_relocation(*this, "NaN is dead", {1.0f, NAN, 2.0f, -inf}, 2);
   check_relocation(*this, "nothing but NaN", {NAN, NAN}, 0);
 
-  // The opacity of a source and its n copies keeps (1 - o')^(n + 1) = 1 - o, down to the floor of 0.005.
+  // The opacity o' of a source and its n copies satisfies (1 - o')^(n + 1) = 1 - o, down to the minimum of
+  // 0.005.
   for (const std::uint32_t copies : {1u, 5u, 200u}) {
     std::vector<float> opacities(copies + 1, dead);
     opacities[0] = 4;
@@ -241,7 +243,8 @@ TEST_CASE_METHOD(Row, "growth: from one splat, opaque ones, beside NaN", "[stage
 
 // ---- Noise ----
 
-// |d| <= amount |Sigma_x| |normals|; Box-Muller over 32-bit words gives normals below 6.7.
+// The displacement satisfies |d| <= amount |Sigma_x| |normals|. Box-Muller with 32-bit words gives normals
+// below 6.7.
 TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60, ratios to 1e14", "[stage]") {
   for (const double scale : {1e-7, 1e-3, 1.0, 1e4, 1e18, 1e30})
     for (const double thin : {1.0, 1e-7}) {
@@ -267,7 +270,7 @@ TEST_CASE_METHOD(Row, "noise: covariances from 1e-14 to 1e60, ratios to 1e14", "
           moved = std::max<double>(moved, std::abs(x));
         }
       if (scale == 1) CHECK(moved > 0);
-      if (scale > 1e29) CHECK(moved == 0);  // a displacement beyond single precision is skipped
+      if (scale > 1e29) CHECK(moved == 0);  // a displacement that exceeds single precision is skipped
     }
 }
 

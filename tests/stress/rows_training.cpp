@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows about training: few or equal views, poisoned models, long runs, the same bits again.
+// This file contains rows about training: few or equal views, models with special values, long runs, and
+// repeated runs, which must be bit-identical.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -13,7 +14,7 @@
 namespace ubs::stress {
 namespace {
 
-// `views` cameras around the scene (or all the same one), with images of a fixed model.
+// Returns `count` views around the scene (or `count` equal views), with rendered images of a fixed model.
 Split make_views(DeviceRunner& runner, int count, bool equal) {
   const Case truth = ordinary_case("truth", 3, 30, 5);
   Split split{"train", {}};
@@ -86,8 +87,8 @@ TEST_CASE_METHOD(Row, "few views: one, three, three equal ones", "[training]") {
     }
 }
 
-// The model ends finite and is written, or the guard stops training: it names the splat, the stage and,
-// unless the value was there from the start, the view.
+// Either the model is finite at the end and is written, or the guard stops training. In the second case, the
+// message must name the splat, the stage and, unless the value was there from the start, the view.
 TEST_CASE_METHOD(Row, "poisoned training: models with NaN, infinities, FLT_MAX", "[training]") {
   const TemporaryFolder folder;
   const Split views = make_views(runner(), 2, false);
@@ -114,7 +115,7 @@ TEST_CASE_METHOD(Row, "poisoned training: models with NaN, infinities, FLT_MAX",
   CHECK(stopped > 0);
 }
 
-// One splat too many in every place: training ends with a finite model whatever the scale of its start.
+// Training must end with a finite model for all of these initial scales and betas.
 TEST_CASE_METHOD(Row, "stiff training: scales 1e-7 and 1e3, betas -12 and 12", "[training]") {
   const Split views = make_views(runner(), 2, false);
   for (const int dim : {3, 7})

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows about views and crowds: sizes of images, numbers of splats, order in depth, far coordinates.
+// This file contains rows about views and large numbers of splats: image sizes, numbers of splats, order in
+// depth, far coordinates.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -20,19 +21,19 @@ TEST_CASE_METHOD(Row, "one covers all: one splat over 3840x2160", "[view]") {
   SplatPlan plan;
   plan.scale = {40, 50, 0.5}, plan.omega = 0;
   put_splat(c, 0, plan);
-  CHECK(runner().run(c, {}).totals.intersections == 240u * 135u);  // every tile is listed
-  // Compared in a crop of its middle: the oracle takes a minute for the whole.
+  CHECK(runner().run(c, {}).totals.intersections == 240u * 135u);  // the splat is listed in every tile
+  // Compare a crop of the centre, because the oracle takes a minute for the whole image.
   c.camera.width = c.camera.height = 64, c.camera.cx = c.camera.cy = 30;
   check_case(c);
 }
 
-// More intersections than the device has room for gradient slots: a refusal that says how many, before
-// anything is allocated.
+// There are more intersections than gradient slots that fit on the device. The device must refuse with a
+// message that contains the number, before anything is allocated.
 TEST_CASE_METHOD(Row, "too many: more intersections than the device has memory for", "[view]") {
   const std::uint64_t tiles = 240 * 135;
   const DeviceInfo& info = device().info();
   const unsigned floats =
-      stage_sizes::slot_floats(RasterKind::gpu);  // the smaller slots, of which there can be more
+      stage_sizes::slot_floats(RasterKind::gpu);  // the smaller kind of slots, of which more fit
   const std::uint64_t most =
       std::min(SlotStore::most(info, floats), info.memory_bytes / (floats * sizeof(float)));
   const std::uint64_t splats = std::min<std::uint64_t>(most, std::uint64_t{1} << 32) / tiles + 2;
@@ -68,7 +69,7 @@ TEST_CASE_METHOD(Row, "image sizes: 1x1 to 8191x1 and 7680x40", "[view]") {
     }
 }
 
-// 130 000 tiles: every one of them drawn, with one splat near each corner.
+// The image has 130 000 tiles, and the test renders all of them. There is one splat near each corner.
 TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
   Case c = row_case("8k", 6, 4);
   c.camera.width = 7680, c.camera.height = 4320, c.camera.cx = 3840, c.camera.cy = 2160;
@@ -90,10 +91,10 @@ TEST_CASE_METHOD(Row, "large image: 7680x4320", "[view]") {
     wrong +=
         !finite || (result.alpha[i] == 0 && std::abs(result.image[i] - c.settings.background[0]) > 1e-6f);
   }
-  CHECK(wrong == 0);  // not finite, or not the background where nothing was drawn
+  CHECK(wrong == 0);  // wrong: not finite, or different from the background where no splat was rendered
   CHECK(touched > 40);
   CHECK(touched < 4000);
-  // The same corners by themselves, against float64.
+  // Compare each corner alone with float64.
   for (std::size_t i = 0; i < 4; ++i) {
     Case corner = c;
     corner.name = fmt::format("8k.corner{}", i);
@@ -138,7 +139,7 @@ TEST_CASE_METHOD(Row, "equal depths: 40 splats, ordered by index", "[view]") {
     for (std::size_t i = 0; i < 40; ++i) {
       SplatPlan plan;
       plan.position = {0.05 * static_cast<double>(i % 8) - 0.2, 0.05 * static_cast<double>(i / 8) - 0.1, 2};
-      plan.coupling = 0;  // the conditional mean is the mean: depths are equal bits
+      plan.coupling = 0;  // the conditional mean equals the mean, so depths are bit-identical
       put_splat(c, i, plan);
     }
     check_case(c);

@@ -28,7 +28,7 @@ int run_stress(int argc, char** argv) {
   if (session.applyCommandLine(argc, argv) != 0) return exit_code(ErrorKind::usage);
   const auto& chosen = session.configData();
   if (chosen.showHelp || chosen.listTests || chosen.listTags || chosen.listReporters) {
-    session.run();  // some versions return how many they list
+    session.run();  // some versions return the number of listed entries
     return 0;
   }
   for (const auto& [name, value] :

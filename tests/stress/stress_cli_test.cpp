@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab stress as a user meets it.
+// This file tests `ubs-lab stress` as a command, as users run it.
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A copy of the kernel sources with one text of one file replaced, for UBS_KERNEL_DIR.
+// changed_kernels() creates a copy of the kernel sources, in which one text of one file is replaced, for
+// UBS_KERNEL_DIR.
 #pragma once
 
 #include <filesystem>
@@ -12,7 +13,7 @@
 
 namespace ubs::test {
 
-// Below `folder`, once.
+// Creates the copy inside `folder` and returns its path. Only one call per folder is possible.
 inline std::filesystem::path changed_kernels(const TempFolder& folder, const std::string& file,
                                              const std::string& from, const std::string& to) {
   const std::filesystem::path copy = folder / "kernels";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Error measures between a single-precision result and its double-precision reference. A non-finite
-// value anywhere makes the error infinite, so that no comparison can pass over it.
+// This file contains measures of the error of a single-precision result relative to its double-precision
+// reference. If any value is not finite, the error is infinite, so that no comparison can miss it.
 #pragma once
 
 #include <cmath>
@@ -20,7 +20,7 @@ inline double max_abs_error(std::span<const float> result, std::span<const doubl
   return worst;
 }
 
-// |result - reference|_2 / |reference|_2; 0 / 0 counts as 0.
+// Returns |result - reference|_2 / |reference|_2, where 0 / 0 counts as 0.
 inline double relative_error(std::span<const float> result, std::span<const double> reference) {
   if (result.size() != reference.size()) return std::numeric_limits<double>::infinity();
   double difference = 0, norm = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA devices under test, and tuned constants of theirs for the duration of a test.
+// cuda_devices() returns the CUDA devices under test. Tuned sets the tuned constants of a device for the
+// duration of a test.
 #pragma once
 
 #include <memory>

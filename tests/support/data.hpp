@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Real data for tests: UBS_TEST_DATA, else ../shared/data beside the checkout. They are not part of the
-// project; where they are missing a test says so loudly and passes over them. Tests that train on them run
-// with UBS_TEST_ALL alone (whole_sweep.hpp).
+// test_data() finds real data for tests, in the folder UBS_TEST_DATA, or in ../shared/data next to the
+// checkout. These data are not part of the project. If they are missing, a test prints a warning and skips
+// the part that needs them. Tests that train on them run only with UBS_TEST_ALL (whole_sweep.hpp).
 #pragma once
 
 #include <cstdlib>
@@ -21,7 +21,7 @@ inline std::optional<std::filesystem::path> test_data(const std::string& name) {
 
 }  // namespace ubs::test
 
-// In a test: folder of the data set, or leave the test with a warning.
+// In a test, defines `variable` as the folder of the data set, or leaves the test with a warning.
 #define UBS_REQUIRE_DATA(variable, name)                                                           \
   const auto variable##_found = ubs::test::test_data(name);                                        \
   if (!variable##_found) {                                                                         \

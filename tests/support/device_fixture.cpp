@@ -28,7 +28,8 @@ bool exists(const std::string& device) {
 
 int use_device(const std::string& request, bool optional, bool cuda_on_host) {
   keep_driver_caches(
-      [](const char* name, const char* value) { setenv(name, value, 1); });  // with the executable
+      // Keep the caches of drivers next to the executable.
+      [](const char* name, const char* value) { setenv(name, value, 1); });
   if (cuda_on_host) register_cuda_on_host();
   selected = cuda_on_host ? "CUDA on the host" : request;
   if (!optional || exists(selected)) return 0;
@@ -37,7 +38,7 @@ int use_device(const std::string& request, bool optional, bool cuda_on_host) {
 }
 
 std::vector<std::shared_ptr<Device>> devices_under_test() {
-  // Never destroyed: some drivers have torn themselves down before static destructors run.
+  // The devices are never destroyed, because some drivers are already shut down when static destructors run.
   static const auto* devices = new std::vector<std::shared_ptr<Device>>([] {
     std::vector<std::shared_ptr<Device>> opened;
     const std::vector<DeviceInfo> all = list_devices();

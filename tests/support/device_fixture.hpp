@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that device tests run on: all of the machine, or the one named with --device.
+// devices_under_test() returns the devices on which device tests run: all devices of the machine, or the one
+// that is selected with --device.
 #pragma once
 
 #include <memory>
@@ -10,18 +11,19 @@
 
 namespace ubs::test {
 
-// Opened once and shared by all tests of the process.
+// Returns the devices, which are opened once and shared by all tests of the process.
 std::vector<std::shared_ptr<Device>> devices_under_test();
-// Those of them with kernels of OpenCL: tuned constants, sub-groups.
+// Returns those devices that run OpenCL kernels, which have tuned constants and sub-groups.
 std::vector<std::shared_ptr<Device>> opencl_devices_under_test();
-// Rasterisers of a device: of CUDA devices there is one.
+// These functions return the rasterisers of a device and their names. CUDA devices have only one rasteriser.
 std::vector<RasterKind> rasters_of(const Device& device);
 std::vector<std::string> raster_names_of(const Device& device);
-// The CUDA back end on the host: programs of variants are compiled while the tests run, so that a few must
-// do. With UBS_TEST_ALL in the environment it is like any device, and all are tested.
+// Returns whether the device is the CUDA back end on the host. It compiles the programs of variants while the
+// tests run, so tests should use only a few of them. With UBS_TEST_ALL in the environment, the result is
+// false, and all variants are tested as on other devices.
 bool on_host(const Device& device);
-// The devices under test from the options of tests/main.cpp; request "": all. An exit code: 0, or 77 where an
-// optional one is not there.
+// Selects the devices under test from the options of tests/main.cpp. An empty `request` selects all. Returns
+// an exit code: 0, or 77 if an optional device does not exist.
 int use_device(const std::string& request, bool optional, bool cuda_on_host);
 
 }  // namespace ubs::test

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// kernels/gpu/exchange.h for devices whose work-items cannot exchange values: the group is one wave, and what
-// lanes hand over passes through local memory. All work-items must take part, as in a wave of NVIDIA.
+// This file replaces kernels/gpu/exchange.h on devices whose work-items cannot exchange values. The
+// work-group is treated as one wave, and values are passed between lanes through local memory. All work-items
+// must take part, as in a wave on NVIDIA devices.
 
 __attribute__((always_inline)) static inline float emulated_xor(__local float* handed, float mine, int distance) {
   int item = (int)get_local_id(0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An OpenCL driver with one platform of two devices, none of which answers a question. With
-// UBS_FAULTY_ICD=platform it does not even name its devices.
+// This file is an OpenCL driver with one platform and two devices, whose queries all fail. With
+// UBS_FAULTY_ICD=platform it does not even list its devices.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <CL/cl_icd.h>

@@ -1,2 +1,2 @@
 // SPDX-License-Identifier: Apache-2.0
-// Empty: its target holds the headers that tests share, compiled once (tests/CMakeLists.txt).
+// This file is empty. Its target precompiles the headers that the tests share (tests/CMakeLists.txt).

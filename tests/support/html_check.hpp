@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A reader of HTML pages for tests: that every element is closed in order, every attribute quoted and every &
-// an entity; and what is in the page. Strict where browsers are not, so that nothing is repaired silently.
+// check_html() checks HTML pages in tests: every element must be closed in order, every attribute quoted, and
+// every & must be an entity. It also returns the elements of the page. It is stricter than browsers, which
+// silently repair errors.
 #pragma once
 
 #include <fmt/format.h>
@@ -17,7 +18,7 @@ namespace ubs::test {
 
 struct HtmlElement {
   std::string name;
-  std::map<std::string, std::string> attributes;  // entities as they are
+  std::map<std::string, std::string> attributes;  // entities are not decoded
 
   std::string at(const std::string& key) const {
     const auto found = attributes.find(key);
@@ -132,7 +133,7 @@ class HtmlReader {
 
 inline HtmlCheck check_html(const std::string& page) { return HtmlReader(page).read(); }
 
-// The bytes of a data URI of one of `types` ("image/png"); empty for anything else.
+// Returns the bytes of a data URI that has one of `types` ("image/png"). Returns nothing for any other text.
 inline std::vector<std::uint8_t> data_uri_bytes(const std::string& uri, const std::set<std::string>& types) {
   const std::size_t comma = uri.find(";base64,");
   if (!uri.starts_with("data:") || comma == std::string::npos || !types.contains(uri.substr(5, comma - 5)))

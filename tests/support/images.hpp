@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small pictures for loader tests: smooth enough to survive resampling, different everywhere.
+// This file creates small images for loader tests. They are smooth enough to survive resampling, and
+// different everywhere.
 #pragma once
 
 #include <cmath>
@@ -24,7 +25,7 @@ inline void put_image(const std::filesystem::path& path, int width, int height, 
   save_png(path, gradient_image(width, height, shift));
 }
 
-// Mean absolute difference per sample; -1 for different sizes.
+// Returns the mean absolute difference per sample, or -1 if the sizes differ.
 inline double image_difference(const Image8& a, const Image8& b) {
   if (a.width != b.width || a.height != b.height) return -1;
   double sum = 0;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// While it lives, kernels are read from a copy that draws splats of any finite parameters. The product culls
-// those beyond UBS_RAW_MAX, whose gradients are not finite (kernels/limits.h); what it does about such
-// gradients, whatever their origin, is tested with this. Devices must be opened after it.
+// LenientKernels makes ubs read the kernels from a copy that renders splats with any finite parameters. The
+// effect lasts as long as the object exists. The product culls splats beyond UBS_RAW_MAX, because their
+// gradients are not finite (kernels/limits.h). With these kernels, tests check how the product handles such
+// gradients, which may also have other causes. Devices must be opened after the object is created.
 #pragma once
 
 #include <cstdlib>

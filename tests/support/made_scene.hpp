@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: the data set that `ubs synth SCENE --size S --views N --test-views M --supersampling 1`
-// writes, without the start of a process, for tests of which that command is not the subject.
+// put_scene() writes the same data set as `ubs synth SCENE --size S --views N --test-views M --supersampling
+// 1`, but without starting a process. It is for tests that do not test this command.
 #pragma once
 
 #include "host/data/synthetic.hpp"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What fd 2 receives while an action runs, which is where C libraries print too.
+// on_stderr() returns the text that is written to file descriptor 2 while an action runs. C libraries print
+// there too.
 #pragma once
 
 #include <fcntl.h>

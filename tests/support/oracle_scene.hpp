@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene of the oracle (host/lab/oracle/scenes.hpp) as the pipeline takes it.
+// The functions of this file convert a scene of the oracle (host/lab/oracle/scenes.hpp) to inputs of the
+// pipeline.
 #pragma once
 
 #include <vector>

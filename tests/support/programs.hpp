@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: which of the two programs has a subcommand. For targets that are compiled with UBS_EXECUTABLE
-// and UBS_LAB_EXECUTABLE, the paths of `ubs` and `ubs-lab`.
+// program_of() returns the program that has a subcommand. It can be used in targets that are compiled with
+// UBS_EXECUTABLE and UBS_LAB_EXECUTABLE, which are the paths of `ubs` and `ubs-lab`.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace ubs::test {
 
-// Of a command line that begins with a subcommand.
+// Returns the program for a command line that begins with a subcommand.
 inline std::string program_of(std::string_view arguments) {
   constexpr std::array kLab{"accuracy", "bench", "compare", "gradients", "stress", "tune"};
   const bool lab = std::ranges::find(kLab, arguments.substr(0, arguments.find(' '))) != kLab.end();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: `ubs` and `ubs-lab` as a user meets them, started as processes in a folder and judged by exit
-// code and output. `arguments` begin with the subcommand, which says the program.
+// run_ubs() runs `ubs` and `ubs-lab` as a user does: as processes in a folder, which are checked by exit code
+// and output. `arguments` start with the subcommand, which determines the program.
 #pragma once
 
 #include <sys/wait.h>
@@ -21,13 +21,13 @@
 namespace ubs::test {
 
 struct Result {
-  int code;  // -1: ended by a signal
+  int code;  // -1: terminated by a signal
   std::string out, err;
 };
 
 inline std::string quoted(const std::filesystem::path& path) { return fmt::format("'{}'", path.string()); }
 
-// Runs `command` of the shell inside of the folder, where the output stays as stdout.txt and stderr.txt.
+// Runs a shell command in the folder. Its output remains there as stdout.txt and stderr.txt.
 inline Result run_command(const TempFolder& folder, const std::string& command) {
   const int status = std::system(
       fmt::format("cd {} && {} >stdout.txt 2>stderr.txt </dev/null", quoted(folder.path()), command).c_str());
@@ -39,7 +39,7 @@ inline Result run_ubs(const TempFolder& folder, const std::string& arguments) {
   return run_command(folder, fmt::format("'{}' {}", program_of(arguments), arguments));
 }
 
-// As run_ubs; the test ends when the exit code is not 0.
+// Does the same as run_ubs(), but ends the test if the exit code is not 0.
 inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
   Result result = run_ubs(folder, arguments);
   INFO("ubs " << arguments << "\n" << result.err);
@@ -47,7 +47,7 @@ inline Result ubs_ok(const TempFolder& folder, const std::string& arguments) {
   return result;
 }
 
-// A log.csv without its second column, the seconds, which differ from run to run.
+// Returns a log.csv without its second column, which contains the seconds and differs from run to run.
 inline std::string without_seconds(const std::string& log) {
   std::string text;
   std::istringstream lines(log);
@@ -58,8 +58,8 @@ inline std::string without_seconds(const std::string& log) {
   return text;
 }
 
-// Starts the command, waits for `file` (in the folder, not empty) or two seconds, and sends the signal.
-// Returns the exit code, or 128 and the signal.
+// Starts the command, waits until `file` exists in the folder and is not empty (or two seconds if `file` is
+// empty), and sends the signal. Returns the exit code, or 128 plus the number of the signal.
 inline int ended_by(const TempFolder& folder, const std::string& arguments, int signal,
                     const std::string& file, const std::string& before = "") {
   using Clock = std::chrono::steady_clock;
@@ -83,7 +83,8 @@ inline int ended_by(const TempFolder& folder, const std::string& arguments, int 
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-// The exit code, no output, and exactly one line on stderr that starts as promised and contains `part`.
+// Checks the exit code, that there is no output, and that stderr has exactly one line, which starts with the
+// name of the program and "error:" and contains `part`.
 inline void check_error(const TempFolder& folder, const std::string& arguments, int code,
                         const std::string& part) {
   const Result result = run_ubs(folder, arguments);

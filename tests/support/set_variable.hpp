@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A variable of the environment for the duration of a test.
+// Variable sets an environment variable for the duration of a test.
 #pragma once
 
 #include <cstdlib>
@@ -9,7 +9,7 @@ namespace ubs::test {
 
 class Variable {
  public:
-  Variable(const char* name, const char* value) : name_(name) {  // null unsets it
+  Variable(const char* name, const char* value) : name_(name) {  // null: unset the variable
     if (const char* old = std::getenv(name)) old_ = old, had_ = true;
     value ? setenv(name, value, 1) : unsetenv(name);
   }

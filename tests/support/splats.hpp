@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random splats as files of other tools hold them, and the difference of two sets of them.
+// This file creates random splats in the form of third-party files, and computes the difference of two sets
+// of splats.
 #pragma once
 
 #include <catch2/catch.hpp>
@@ -62,7 +63,7 @@ inline ImportedSplats random_splats(std::size_t count, int degree) {
   return s;
 }
 
-// Largest differences after a trip through a file; rotations are compared up to sign.
+// The largest differences after writing and reading a file. Rotations are compared up to sign.
 struct Differences {
   double position = 0, log_scale = 0, rotation = 0, opacity = 0, dc = 0, rest = 0;
 };

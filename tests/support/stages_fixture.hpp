@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages and buffers for tests of single stages: both kinds of kernel on every device.
+// This file provides stages and buffers for tests of single stages, with both kinds of kernels on every
+// device.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +11,8 @@
 
 namespace ubs::test {
 
-// f(device, stages); vector kernels not on devices without vectors.
+// Calls f(device, stages) for every device and kind of kernels. Vector kernels are skipped on devices without
+// vectors.
 template <class F>
 void for_each_stages(const F& f, KernelConfig config = {}) {
   for (const auto& device : devices_under_test())

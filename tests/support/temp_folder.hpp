@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: a folder below the system's temporary folder that disappears with the object, and
-// short ways to write files and to check an error message.
+// TempFolder is a folder inside the temporary folder of the system, which is deleted with the object. The
+// file also contains short functions to write files and to check an error message.
 #pragma once
 
 #include <unistd.h>
@@ -60,7 +60,7 @@ inline std::size_t file_count(const std::filesystem::path& folder) {
   return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
 }
 
-// The message of the Error that `action` throws; empty when it throws none.
+// Returns the message of the Error that `action` throws, or an empty text if it throws none.
 template <typename Action>
 std::string message_of(const Action& action, ErrorKind expected = ErrorKind::data) {
   try {

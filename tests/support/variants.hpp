@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Named forms of the method that whole-view and training tests go through: every value of every switch, the
-// mixtures whose formulas meet, and the models of other methods.
+// named_variants() returns the variants that are used by tests of whole views and of training: every value of
+// every switch, combinations whose formulas interact, and the models of other methods.
 #pragma once
 
 #include <string>
@@ -28,7 +28,7 @@ inline std::vector<NamedVariant> named_variants() {
   const ModelVariant direct_gaussian{.beta_opacity = BetaOpacity::gaussian,
                                      .kernel = SpatialKernel::gaussian,
                                      .conditioning = Conditioning::direct};
-  ModelVariant direct_6dgs = gs6;  // what a model of 6DGS becomes
+  ModelVariant direct_6dgs = gs6;  // a model of 6DGS is converted to this variant
   direct_6dgs.conditioning = Conditioning::direct;
   return {{"taylor2", 3, {.rot_mode = RotMode::taylor2}},
           {"cayley", 3, {.rot_mode = RotMode::cayley}},

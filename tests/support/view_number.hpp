@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A number of a drawn view, a weighted sum of its colours, alphas and depths, and its gradient in float64.
-// What alpha contributes the oracle knows from backgrounds: the image in front of (1, 0, 0) less that in
-// front of (0, 0, 0) is 1 - alpha.
+// expected_gradient() computes the float64 gradient of a weighted sum of the colours, alphas and depths of a
+// rendered view. The oracle does not output the gradient of alpha, so it is derived from two backgrounds: the
+// image in front of (1, 0, 0) minus that in front of (0, 0, 0) is 1 - alpha.
 #pragma once
 
 #include <array>
@@ -18,7 +18,8 @@ struct Weights {
   std::vector<float> rgb, alpha, depth;  // (H, W, 3), (H, W), (H, W); or empty
 };
 
-// Gradient of sum(rgb * image) + sum(alpha * alpha of the image) + sum(depth * depth of the image).
+// Returns the gradient of sum(rgb * image) + sum(alpha * alpha of the image) + sum(depth * depth of the
+// image).
 inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const Weights& weights) {
   const oracle::Model model = oracle::to_model(scene.model);
   const auto pixels = static_cast<std::size_t>(scene.camera.width * scene.camera.height);
@@ -46,7 +47,7 @@ inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const
   return sum;
 }
 
-// 150 splats in front of a coloured background, and weights that are 0 at some pixels.
+// Returns a scene with 150 splats in front of a coloured background, and weights that are 0 at some pixels.
 inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width, int height,
                                                              const ModelVariant& variant = {}) {
   oracle::SceneOptions options{.count = 150,
@@ -60,7 +61,7 @@ inline std::pair<oracle::Scene, Weights> differentiable_view(int dim, int width,
   const CounterRandom random(5, 1);
   Weights all;
   for (std::uint32_t i = 0; i < static_cast<std::uint32_t>(width * height); ++i) {
-    // Of some pixels one of them is 0.
+    // At some pixels, one of the weights is 0.
     for (std::uint32_t c = 0; c < 3; ++c)
       all.rgb.push_back(i % 3 == 0 ? 0.0f : static_cast<float>(random.uniform(i, c, -1, 1)));
     all.alpha.push_back(i % 4 == 1 ? 0.0f : static_cast<float>(random.uniform(i, 3, -1, 1)));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sweeps over forms, constants and the like cost a compilation each: a sample of them runs, and all of them
-// with UBS_TEST_ALL in the environment.
+// whole_sweep() returns whether tests must cover all variants, constants and similar cases. Each of them
+// costs a compilation. So only a sample runs by default, and all of them run with UBS_TEST_ALL in the
+// environment.
 #pragma once
 
 #include <cstdlib>

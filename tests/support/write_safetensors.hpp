@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: writes tensors as a safetensors file.
+// put_safetensors() writes tensors as a safetensors file.
 #pragma once
 
 #include <cstdint>

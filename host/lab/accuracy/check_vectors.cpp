@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs_check_vectors FILE: makes the vectors that devices are checked with (host/check/vectors.hpp), with the
-// float64 reference. The build runs it and embeds the file.
+// The program ubs_check_vectors computes the vectors with which devices are checked (host/check/vectors.hpp),
+// using the float64 reference. Usage: ubs_check_vectors FILE. The build runs it and embeds the file.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -27,11 +27,12 @@ using check::FormVectors;
 using check::kSplats;
 using check::LossVectors;
 
-// Least raw spatial beta: an exponent of 2, with which a kernel ends without a step in its slope. Below 1 the
-// gradient of a pixel on the rim has hardly a digit in single precision, on any device.
+// Minimum raw spatial beta. It corresponds to an exponent of 2, for which the slope of the kernel is
+// continuous at the rim. With an exponent below 1, the gradient of a pixel at the rim has hardly a correct
+// digit in single precision, on any device.
 constexpr float kMinBeta = -0.69f;
 constexpr std::size_t kBatch =
-    128;  // splats that rasterisers take at a time (kernels/gpu/raster_backward.cl)
+    128;  // number of splats that rasterisers process at a time (kernels/gpu/raster_backward.cl)
 
 Problem problem_of(const oracle::Scene& scene) {
   Problem p;
@@ -44,7 +45,7 @@ Problem problem_of(const oracle::Scene& scene) {
   return p;
 }
 
-// Of the tile in the upper left corner.
+// Returns the number of splats in the tile in the upper left corner.
 std::size_t splats_in_first_tile(const Problem& p) {
   const oracle::Options options = oracle_options(p);
   const oracle::Frame frame(oracle::project(oracle::to_model(p.model), p.camera, options), options);
@@ -79,8 +80,8 @@ FormVectors form_vectors(const check::Form& form) {
                                                .width = check::kWidth,
                                                .height = check::kHeight,
                                                .variant = form.variant});
-  // The model lies in the first tile, so that its list is longer than a batch, and reaches into the others,
-  // which the image ends inside of.
+  // The model is in the first tile, so that the list of this tile is longer than a batch. It extends into the
+  // other tiles, which the image covers only in part.
   scene.camera.cx = 9, scene.camera.cy = 8;
   FormVectors f;
   f.problem = problem_of(scene);
@@ -117,7 +118,7 @@ check::LossValues loss_values(const std::vector<double>& image, const std::vecto
   return v;
 }
 
-// A drawn scene, made to leave [0, 1] in places.
+// Returns the vectors for a rendered scene, whose values are stretched so that some are outside [0, 1].
 LossVectors loss_vectors() {
   const Problem p = problem_of(oracle::regular_scene({.count = 400, .seed = 6, .width = 45, .height = 35}));
   LossVectors loss{.width = p.camera.width, .height = p.camera.height};
@@ -137,7 +138,7 @@ LossVectors loss_vectors() {
   return loss;
 }
 
-// Moments and gradients of like sizes, so that each term of a step counts.
+// Moments and gradients have similar magnitudes, so that each term of a step has an effect.
 AdamVectors adam_vectors() {
   AdamVectors a;
   Random random(3);

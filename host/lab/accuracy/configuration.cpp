@@ -31,14 +31,14 @@ const std::vector<Configuration>& standard_configurations() {
       // Arithmetic
       {"native maths", {"math=native"}},
       {"rough maths", {"math=rough"}},
-      // Shape of the work: no error but that of another order of sums
+      // Structure of the computation: the only error is that of a different order of sums
       {"raster gpu", {"raster=gpu"}},
-      // Work left out (docs/variants.md): contributions below a bound
+      // Skipped work (docs/variants.md): contributions below a bound
       {"alpha_min 0.0001", {"alpha_min=0.0001"}},
       {"alpha_min 0.001", {"alpha_min=0.001"}},
       {"alpha_min 1/255", {"alpha_min=0.00392157"}},
       {"native + alpha_min 0.001", {"math=native", "alpha_min=0.001"}},
-      // Rotation: approximations of exp A on the same parameters, which float64 has with exp
+      // Rotation: approximations of exp A with the same parameters; the truth is exp in float64
       {"rotation exp", {"rot_mode=exp"}, {"rot_mode=exp"}},
       {"rotation taylor1", {"rot_mode=taylor1"}, {"rot_mode=exp"}},
       {"rotation taylor2", {"rot_mode=taylor2"}, {"rot_mode=exp"}},
@@ -57,7 +57,7 @@ Configuration parse_configuration(const std::string& text) {
   const std::size_t bar = rest.find('|');
   configuration.settings = split(rest.substr(0, bar), ',');
   if (bar != std::string::npos) configuration.truth = split(rest.substr(bar + 1), ',');
-  apply({}, configuration);  // refuses unknown keys here, before anything runs
+  apply({}, configuration);  // rejects unknown keys before anything runs
   return configuration;
 }
 

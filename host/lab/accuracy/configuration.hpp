@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is compared: settings of training and rendering under a label. The table of standard configurations is
-// the one place to enter a new switch: one line.
+// Configuration is a labelled set of settings for training and rendering whose accuracy is measured. To
+// measure a new switch, add a line to the table of standard configurations.
 #pragma once
 
 #include <string>
@@ -12,21 +12,22 @@ namespace ubs::accuracy {
 
 struct Configuration {
   std::string label;
-  std::vector<std::string> settings;  // "key=value", as --set takes them
-  // The form of the method that is the truth; empty: that of the settings.
+  std::vector<std::string> settings;  // "key=value", as for --set
+  // Settings of the variant that serves as the truth; empty: the variant of `settings`.
   std::vector<std::string> truth = {};
 };
 
-// The first one is the default.
+// Returns the standard configurations. The first one is the default.
 const std::vector<Configuration>& standard_configurations();
 
-// "label:key=value,key=value"; "label" alone has the default settings; "label:key=value|key=value" with what
-// the truth is behind the bar. Throws Error(usage).
+// Parses "label:key=value,key=value". "label" alone means the default settings. In
+// "label:key=value|key=value", the settings after the bar define the truth. Throws Error(usage).
 Configuration parse_configuration(const std::string& text);
 
-// `base` with the configuration's settings. Throws Error(usage) naming the label.
+// Returns `base` with the settings of the configuration. Throws Error(usage) with a message that contains the
+// label.
 TrainSettings apply(TrainSettings base, const Configuration& configuration);
-// The form of the method of the truth, and as a word for tables: "same" or "exp".
+// These functions return the variant of the truth, and its name for tables: "same" or, for example, "exp".
 ModelVariant truth_variant(const TrainSettings& base, const Configuration& configuration);
 std::string truth_name(const Configuration& configuration);
 

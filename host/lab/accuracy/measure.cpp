@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kMaxCalls = 64;
 
-// The settings say what the model file says.
+// Returns the settings with the variant of the model file.
 TrainSettings with_variant(TrainSettings settings, const ModelVariant& variant) {
   const auto fields = bind_fields(settings, train_fields());
   for (const auto& [key, value] : non_default_switches(variant)) set_field(fields, key, value, "model");
@@ -62,8 +62,8 @@ class Measurement {
  private:
   struct Entry {
     std::unique_ptr<Problem> problem;
-    std::unique_ptr<check::StageRun> run;  // null: does not run here
-    std::map<std::string, int> calls;      // by stage, of a sample
+    std::unique_ptr<check::StageRun> run;  // null: the configuration does not run here
+    std::map<std::string, int> calls;      // calls per sample, by stage
     std::map<std::string, std::vector<double>> ms;
   };
   const TruthEntry& truth_of(const Configuration& configuration);
@@ -119,7 +119,7 @@ void Measurement::prepare(const Configuration& configuration) {
     result.stages.push_back({{"iteration", check::group_errors(model.layout(), model.count,
                                                                entry.run->gradient_of(truth.whole.v_image),
                                                                truth.whole.gradient)}});
-    // Stage by stage the truth must be of the same form.
+    // Single stages can only be compared if the truth has the same variant.
     if (configuration.truth.empty())
       for (check::StageErrors& stage : entry.run->stage_errors(truth.stages))
         result.stages.push_back({stage});
@@ -152,7 +152,7 @@ void Measurement::time_once(Entry& entry, const Result& result) {
   }
 }
 
-// Each round begins with another configuration, so that no one always follows the same neighbour.
+// Each round starts with a different configuration, so that no configuration always runs after the same one.
 void Measurement::time_rounds() {
   for (std::size_t round = 0; round < options_.rounds; ++round) {
     say(fmt::format("times, round {} of {}", round + 1, options_.rounds));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Errors and times of forms on one device and scene. Times are taken in turns: each round runs every form
-// once, so that what else the machine does in the meantime falls on all of them.
+// measure() measures the errors and times of configurations on one device and scene. They are timed in turns:
+// each round runs every configuration once, so that other load on the machine affects all of them alike.
 #pragma once
 
 #include <functional>
@@ -17,16 +17,16 @@ struct TimedErrors : check::StageErrors {
   double ms = 0;  // median over the rounds
 };
 
-// Result is a row of the table: a form on a scene and device.
+// Result is a row of the table: a configuration on a scene and a device.
 struct Result {
   std::string form, truth;  // Configuration::label, truth_name()
   int dim = 0;              // N
   std::string scene, device;
-  std::string note;  // not empty: why the form does not run here
-  // "forward" has the error of the image, "iteration" (forward, loss, backward; no update) those of the
-  // gradients by parameter group, given the exact image gradient: the sign of L1 is a matter of chance where
-  // image and target agree to rounding. Then each stage alone on exact inputs, where the truth has the same
-  // form.
+  std::string note;  // not empty: the reason why the configuration does not run here
+  // "forward" has the error of the image. "iteration" (forward, loss, backward; no update) has the errors of
+  // the gradients by parameter group. For "iteration", the exact image gradient is used as input, because the
+  // sign of L1 is arbitrary where image and target agree within rounding. If the truth has the same variant,
+  // the single stages on exact inputs follow.
   std::vector<TimedErrors> stages;
 };
 
@@ -34,18 +34,19 @@ struct NamedScene {
   std::string name;
   bench::BenchScene scene;
   std::size_t view = 0;
-  TrainSettings base = {};  // how it is drawn; those of a configuration come on top
+  TrainSettings base = {};  // render settings; the settings of a configuration are applied on top of them
 };
 
 struct MeasureOptions {
   std::vector<Configuration> configurations;
   std::size_t rounds = 9;
-  double sample_ms = 10;       // a stage is repeated until it takes this long
-  std::function<bool()> stop;  // asked between configurations and rounds
+  double sample_ms = 10;       // a stage is repeated until one sample takes this long
+  std::function<bool()> stop;  // called between configurations and rounds; true: stop
   std::function<void(const std::string&)> on_progress;
 };
 
-// In the order of the configurations; fewer than asked for when stopped. Throws Error(usage) when none runs.
+// Returns the results in the order of the configurations, or fewer if stopped. Throws Error(usage) if none of
+// them runs.
 std::vector<Result> measure(Device& device, const NamedScene& scene, const MeasureOptions& options);
 
 }  // namespace ubs::accuracy

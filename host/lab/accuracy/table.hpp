@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of `ubs-lab accuracy`, error beside time, as text, CSV and JSON.
+// The functions of this file format the table of `ubs-lab accuracy`, which shows errors and times, as text,
+// CSV and JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -10,11 +11,12 @@
 
 namespace ubs::accuracy {
 
-// One row per form. For each stage it has the typical error of the worst quantity, and the time in ms.
+// These functions return the header and the rows of the text table. It has one row per configuration. For
+// each stage, it shows the typical error of the worst quantity and the time in ms.
 std::string table_header();
 std::string table_row(const Result& result);
 
-// One row per form, stage and quantity.
+// These functions return the results with one entry per configuration, stage and quantity.
 std::string table_csv(std::span<const Result> results);
 nlohmann::ordered_json table_json(std::span<const Result> results);
 

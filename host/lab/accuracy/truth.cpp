@@ -13,12 +13,12 @@ namespace ubs::accuracy {
 namespace {
 
 constexpr float kFarAway = -1e6f;  // [px]
-constexpr float kReach = 11.1f;    // r beyond which no kernel has a part
+constexpr float kReach = 11.1f;    // no kernel has an effect beyond this r
 
 using Factor = std::array<double, 3>;  // L00, L01, L11
 
 std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
-// What float32 makes of them.
+// Returns the values rounded to float32.
 std::vector<double> as_rounded(const std::vector<double>& values) {
   return as_double(check::rounded(values));
 }
@@ -27,7 +27,7 @@ double loss_of(std::span<const double> image, std::span<const double> target, co
   return oracle::image_loss(image, target, p.camera.width, p.camera.height, p.loss);
 }
 
-// d loss / d image, nothing where the problem says that pixels are not decided.
+// Returns d loss / d image. It is 0 at pixels that the problem marks as undecided.
 std::vector<double> image_gradient(const Problem& p, std::span<const double> image,
                                    std::span<const double> target) {
   std::vector<double> v = oracle::image_gradient(image, target, p.camera.width, p.camera.height, p.loss);
@@ -36,7 +36,7 @@ std::vector<double> image_gradient(const Problem& p, std::span<const double> ima
   return v;
 }
 
-// Q = L^T L with L = [[L00, L01], [0, L11]], as the records have it.
+// Returns the factor L = [[L00, L01], [0, L11]] with Q = L^T L, as in the records.
 Factor factor(const std::array<double, 3>& q) {
   const double l00 = std::sqrt(q[0]), l01 = q[1] / l00;
   return {l00, l01, std::sqrt(std::max(0.0, q[2] - l01 * l01))};
@@ -69,9 +69,10 @@ oracle::Footprint<double> footprint_of(const double* r, bool visible) {
   return f;
 }
 
-// The product's gradient of the ellipse is W = -L Q' L^T for the gradient Q' of the conic Q = L^T L, in whose
-// packed form the off-diagonal entry counts twice (kernels/math/blend.h). The other values are the same in
-// both, and so is the order: kGrad* and the oracle's footprint gradient.
+// Converts the gradient of the conic to that of the ellipse, which the product uses: W = -L Q' L^T for the
+// gradient Q' of the conic Q = L^T L. In the packed form of Q' the off-diagonal entry counts twice
+// (kernels/math/blend.h). The other values, and the order of all values, are the same in kGrad* and in the
+// footprint gradient of the oracle.
 oracle::FootprintGradient to_ellipse(oracle::FootprintGradient g, const double* r) {
   const double l00 = r[kSplatL00], l01 = r[kSplatL01], l11 = r[kSplatL11];
   const double m00 = -g[kGradW00], m01 = -g[kGradW01] / 2, m11 = -g[kGradW11];
@@ -165,7 +166,8 @@ StageTruth compute_stage_truth(const Problem& p) {
     oracle::FootprintGradient g{};
     std::copy_n(&v_records[i * kGradStride], g.size(), g.begin());
     given.push_back(
-        from_ellipse(g, factors[i]));  // project_backward has the exact model, so the exact ellipse
+        // project_backward gets the exact model and therefore has the exact ellipse.
+        from_ellipse(g, factors[i]));
   }
   t.v_params = oracle::parameter_gradients(frame, model, p.camera, options, given);
   return t;

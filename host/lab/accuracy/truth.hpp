@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The float64 side: one view of a model, its loss and gradient by the oracle of host/lab/oracle, which is
-// written from the method alone and differentiates by a tape; end to end, and stage by stage on inputs that
-// are exact float64 results rounded to float32.
+// compute_truth() computes one view of a model, its loss and its gradient in float64. compute_stage_truth()
+// does the same stage by stage, where the input of each stage is the exact result of the previous stages
+// rounded to float32. Both use the oracle of host/lab/oracle, which is written from the method alone and
+// differentiates with a tape.
 #pragma once
 
 #include <vector>
@@ -15,13 +16,13 @@ namespace ubs::accuracy {
 using check::Problem;
 using check::StageTruth;
 
-// Planar 8-bit image / 255.
+// Returns the 8-bit image / 255 as planes.
 std::vector<float> planar_target(const Image8& image);
 
 struct Truth {
   std::vector<double> image;     // (3, height, width)
   std::vector<double> v_image;   // d loss / d image
-  std::vector<double> gradient;  // layout of the model
+  std::vector<double> gradient;  // in the layout of the model
   double loss = 0;
 };
 

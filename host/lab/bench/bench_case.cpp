@@ -9,7 +9,7 @@
 namespace ubs::bench {
 namespace {
 
-// Reads a number with an optional K or M and advances; 0 when there is none.
+// Reads a number with an optional K or M and advances `at`. Returns 0 if there is no number.
 std::size_t read_count(const char*& at, const char* end) {
   std::size_t value = 0;
   const auto result = std::from_chars(at, end, value);

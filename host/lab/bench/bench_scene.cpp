@@ -19,7 +19,8 @@ namespace {
 
 constexpr int kTrainingSize = 100;
 
-// From 30 degrees above the horizon towards the origin; z is up in the world.
+// Returns a camera that looks at the origin from 30 degrees above the horizon. The z axis of the world points
+// up.
 Camera orbit_camera(double azimuth, int width, int height) {
   const double elevation = std::numbers::pi / 6;
   const Vec3 centre{kSyntheticDistance * std::cos(elevation) * std::cos(azimuth),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models with cameras and images to measure on. Every scene is a function of its arguments: the same in every
-// run and on every machine (trained ones as far as training is).
+// BenchScene is a model with cameras and images for benchmarks. Every scene depends only on its arguments, so
+// it is the same in every run and on every machine (for trained scenes, as far as training is reproducible).
 #pragma once
 
 #include <filesystem>
@@ -18,21 +18,23 @@ struct BenchScene {
   SplatModel model;
   Split views;  // with images
   std::array<float, 3> background{0, 0, 0};
-  // A model of several dimensions, `model` being its first group: it can be drawn, not trained.
+  // A model whose splats have different dimensions; `model` is its first group. It can be rendered, but not
+  // trained.
   MixedModel mixed{};
 };
 
-// A trained object of two crossed ellipsoids that fills 46 % of the image with about 50 blended splats a
-// pixel: log-normal sizes and anisotropies, 45 % of low opacity, mild dependence on the view, no order in
-// memory. The statistics are those of the prototypes that the structure of the rasterisers was chosen with.
+// Returns a scene that resembles a trained object. It consists of two crossed ellipsoids that fill 46 % of
+// the image, with about 50 blended splats per pixel. Sizes and anisotropies are log-normal, 45 % of the
+// splats have a low opacity, they depend slightly on the view, and they have no order in memory. These
+// statistics are those of the prototypes with which the structure of the rasterisers was chosen.
 BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
 
-// The start of training: random splats in a box, cameras around it, white background. Beta splats start as in
-// method.md 1.3, Gaussians as 3DGS starts them: with the neighbour distance as deviation and opacity 0.1,
-// about five times as many blended splats a pixel.
+// Returns a scene as at the start of training: random splats in a box, cameras around it, and a white
+// background. Beta splats start as in method.md 1.3. Gaussians start as in 3DGS, with the neighbour distance
+// as standard deviation and opacity 0.1, which gives about five times as many blended splats per pixel.
 BenchScene random_start(int dim, std::size_t splats, int width, int height, const ModelVariant& variant = {});
 
-// An embedded scene of host/data/synthetic.hpp, trained for `iterations` on 100x100 images.
+// Returns a built-in scene of host/data/synthetic.hpp, trained for `iterations` iterations on 100x100 images.
 struct TrainedOptions {
   int dim = 6;
   std::size_t splats = 30'000;
@@ -42,12 +44,12 @@ struct TrainedOptions {
 };
 BenchScene trained_scene(Device& device, const std::string& scene, const TrainedOptions& options);
 
-// The coloured points of gsplat's test_garden.npz as an initial model, its cameras, made-up images. The
-// folder has its arrays as float .npy files (docs/benchmarks.md).
+// Returns a scene with the coloured points of gsplat's test_garden.npz as initial model, its cameras, and
+// synthetic images. The folder must contain the arrays as float .npy files (docs/benchmarks.md).
 SceneSize garden_size(const std::filesystem::path& folder);
 BenchScene garden_scene(const std::filesystem::path& folder, int dim, const ModelVariant& variant = {});
 
-// An image with gradients and edges for scenes that have none.
+// Returns an image with gradients and edges, for scenes without images.
 Image8 made_up_image(int width, int height);
 
 }  // namespace ubs::bench

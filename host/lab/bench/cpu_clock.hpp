@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Processor time of this process. On a CPU device it tells what a stage costs even while other processes
-// take turns on the same cores and stretch the wall time.
+// cpu_ms() measures the processor time of this process. On a CPU device this shows the cost of a stage even
+// if other processes use the same cores and lengthen the wall time.
 #pragma once
 
 #include <sys/resource.h>
 
 namespace ubs::bench {
 
-// User and system time of all threads so far [ms].
+// Returns the user and system time of all threads so far [ms].
 inline double cpu_ms() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);

@@ -10,8 +10,8 @@
 namespace ubs::bench {
 namespace {
 
-// A launch and its wait take 30 to 60 us on PoCL; short stages are repeated so that this is little of a
-// sample.
+// A launch and the wait for it take 30 to 60 us on PoCL. Short stages are repeated, so that this is a small
+// part of a sample.
 constexpr double kSampleMs = 2;
 constexpr int kMaxCalls = 32;
 
@@ -23,7 +23,7 @@ double device_ms(Device& device, const Repeated& operation, int calls) {
   }
   double total = 0;
   for (const TimerEntry& entry : device.timings())
-    if (entry.name != "copy") total += entry.device_ms;  // only prepare() copies
+    if (entry.name != "copy") total += entry.device_ms;  // copies belong to prepare()
   device.set_profiling(false);
   return total / calls;
 }
@@ -43,7 +43,7 @@ double timed_ms(Device& device, const Repeated& operation, int calls, double* pr
 }
 
 Measured measure(Device& device, const Repeated& operation, const SamplingLimits& limits) {
-  timed_ms(device, operation, 1);  // compiles, allocates, fills caches
+  timed_ms(device, operation, 1);  // warm-up: compiles, allocates, fills caches
   const double once = timed_ms(device, operation, 1);
   const int calls =
       operation.prepare

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of something that a device is asked to do again and again.
+// measure() measures the time of an operation that is repeated on a device.
 #pragma once
 
 #include <functional>
@@ -11,19 +11,21 @@
 namespace ubs::bench {
 
 struct Repeated {
-  std::function<void()> run, prepare;  // prepare is not timed; may be empty
+  std::function<void()> run, prepare;  // `prepare` runs before each sample and is not timed; may be empty
 };
 
 struct Measured {
-  Summary wall_ms;                  // from the call until the device is idle
-  std::optional<double> device_ms;  // mean of the device's own clock: kernels, of iterations copies too
-  double cpu_ms = 0;                // processor time of the whole process, mean
+  Summary wall_ms;  // from the call until the device is idle
+  // Mean time by the device's own clock. It includes the kernels, and for iterations also the copies.
+  std::optional<double> device_ms;
+  double cpu_ms = 0;  // mean processor time of the whole process
 };
 
-// Wall time a call of some calls, until the device is idle; adds the processor time a call to `processor_ms`.
+// Runs the operation `calls` times until the device is idle, and returns the wall time per call. Adds the
+// processor time per call to `processor_ms`.
 double timed_ms(Device& device, const Repeated& operation, int calls, double* processor_ms = nullptr);
 
-// Repeats until the limits are met; the first two calls do not count.
+// Repeats the operation until the limits are met. The first two calls are not counted.
 Measured measure(Device& device, const Repeated& operation, const SamplingLimits& limits);
 
 }  // namespace ubs::bench

@@ -6,7 +6,7 @@
 namespace ubs::bench {
 namespace {
 
-// Of any group: the model's dimensions and form come with it.
+// Returns a configuration without dimensions and variant, which each group of the model supplies.
 KernelConfig forward_only(RasterKind raster, const TrainSettings& training, const DeviceInfo& device) {
   KernelConfig config = kernel_config(KernelConfig{}.dim, {}, training, device);
   config.raster = raster;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of drawing a model, of one dimension or several, as `ubs render` does.
+// RenderBench measures the time of rendering a model as `ubs render` does. The splats may have different
+// dimensions.
 #pragma once
 
 #include "host/lab/bench/bench_scene.hpp"
@@ -11,10 +12,10 @@ namespace ubs::bench {
 
 class RenderBench {
  public:
-  // Uploads the scene's model and draws its first view.
+  // Uploads the model of the scene and renders its first view.
   RenderBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
-  Measured measure(const SamplingLimits& limits);  // the views in turn
+  Measured measure(const SamplingLimits& limits);  // renders the views in turn
   std::uint64_t peak_bytes() const { return peak_bytes_; }
 
  private:

@@ -32,7 +32,7 @@ class Runner {
       } catch (const Error& error) {
         if (error.kind() != ErrorKind::memory) throw;
         add_failed(which, error.what());
-      } catch (const std::bad_alloc&) {  // of the host
+      } catch (const std::bad_alloc&) {  // thrown by the host
         add_failed(which, "out of memory");
       }
     }
@@ -53,7 +53,7 @@ class Runner {
 
   void run_render(const BenchCase& which) {
     CaseResult result = result_of(which);
-    step_.reset();  // its buffers do not belong to the peak of drawing
+    step_.reset();  // release its buffers, so that they do not count in the peak memory of rendering
     RenderBench bench(device_, *scene_, raster_, options_.training);
     const Measured measured = bench.measure(options_.limits);
     set_times(result, measured);
@@ -65,7 +65,7 @@ class Runner {
 
   void run_iteration(const BenchCase& which) {
     CaseResult result = result_of(which);
-    step_.reset();  // its buffers do not belong to the trainer's peak
+    step_.reset();  // release its buffers, so that they do not count in the peak memory of the trainer
     const IterationMeasurement measured =
         measure_iterations(device_, *scene_,
                            {.raster = raster_,
@@ -81,7 +81,7 @@ class Runner {
     add(result);
   }
 
-  // Scenes are in the order of the cases, so that one at a time is enough.
+  // Cases are ordered by scene, so only one scene is kept at a time.
   void prepare_scene(const BenchCase& which) {
     BenchCase key = which;
     key.stage.clear();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_cases() measures cases on a device: it makes each scene once and reports every result as it comes.
+// run_cases() measures cases on a device. It creates each scene once and reports every result as soon as it
+// is available.
 #pragma once
 
 #include <filesystem>
@@ -13,12 +14,12 @@
 namespace ubs::bench {
 
 struct CaseResult {
-  std::string name;  // of the case
+  std::string name;  // name of the case
   int dim = 6;
   std::string form = "default";  // to_string(ModelVariant)
-  Summary wall_ms;               // no samples: see `note`
+  Summary wall_ms;               // without samples: see `note`
   double device_ms = 0;          // 0: not measured
-  double cpu_ms = 0;             // processor time a core, CPU devices only; 0: not measured
+  double cpu_ms = 0;             // processor time per core, only for CPU devices; 0: not measured
   std::uint64_t peak_bytes = 0;
   std::string note;
 };
@@ -37,17 +38,19 @@ struct RunOptions {
   SamplingLimits limits;
   std::filesystem::path garden;
   std::function<BenchScene()> open_model;  // for the scene "model"
-  TrainSettings training;                  // the form (default for "synthetic") and kernel_assignments()
-  std::function<void(const DeviceReport&)> on_begin;  // without results
+  // Only the variant (except for the scene "synthetic") and kernel_assignments() are used.
+  TrainSettings training;
+  // Called before the first case; the report has no results yet.
+  std::function<void(const DeviceReport&)> on_begin;
   std::function<void(const CaseResult&)> on_result;
-  // Asked before each case: true ends the run with the results so far.
+  // Called before each case. If it returns true, the run ends with the results so far.
   std::function<bool()> stop = [] { return false; };
 };
 
-// A case that does not fit into memory becomes a note.
+// Measures the cases. If a case does not fit into memory, its result only has a note.
 DeviceReport run_cases(Device& device, const RunOptions& options);
 
-// Dimensions of a scene's model: orbit has time, so 6 becomes 7 and 3 becomes 4 there.
+// Returns the dimensions of the model of a scene. `orbit` has time, so 6 becomes 7 and 3 becomes 4 there.
 int scene_dim(const std::string& scene, int dim);
 
 }  // namespace ubs::bench

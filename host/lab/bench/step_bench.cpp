@@ -12,8 +12,8 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kGrowth = 1.02;       // of a refinement
-constexpr float kDeadOpacity = -6.0f;  // raw; sigmoid 0.0025
+constexpr double kGrowth = 1.02;       // number of splats after / before a refinement
+constexpr float kDeadOpacity = -6.0f;  // raw opacity; its sigmoid is 0.0025
 constexpr std::size_t kDeadEvery = 50;
 
 std::uint32_t grown_count(const SplatModel& model) {
@@ -52,7 +52,7 @@ StepBench::StepBench(Device& device, const BenchScene& scene, RasterKind raster,
     buffer->zero();
   }
   learning_rates_ = Buffer<float>(device, "learning rates", static_cast<std::size_t>(model_.rows()));
-  learning_rates_.zero();  // the work of a step without moving the model
+  learning_rates_.zero();  // a step then does all its work without changing the model
   sums_ = Buffer<float>(device, "loss sums", 8);
   const std::vector<std::uint8_t> target = planar(scene.views.views[0].image.rgb);
   target_ = Buffer<std::uint8_t>(device, "target image", target.size());
@@ -80,7 +80,8 @@ void StepBench::step() {
 }
 
 void StepBench::save_model() {
-  // The refinement's scratch belongs to the peak, the copies made for repeating it do not.
+  // The peak memory includes the scratch memory of the refinement, but not the copies that are made for
+  // repeating it.
   const auto view = [&] { return model_.view(); };
   stages_.relocate({.splats = view(), .moment1 = moment1_.view(), .moment2 = moment2_.view()});
   peak_bytes_ = device_.peak_bytes();
@@ -138,7 +139,7 @@ Repeated StepBench::repeated(const std::string& stage) {
             prepare};
   if (stage == "noise")
     return {[&] { stages.add_noise({.splats = model_.view(), .amount = 1e-6f}); }, prepare};
-  if (stage == "forward_backward")  // from the image gradient that the step left
+  if (stage == "forward_backward")  // uses the image gradient that the step has left
     return {[&] {
               renderer_.forward(model_.view(), 0, settings_, true);
               renderer_.backward(v_params_.view(), false);

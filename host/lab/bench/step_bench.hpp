@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of the single stages of a training step on the state that a real step left behind.
+// StepBench measures the times of the single stages of a training step, on the state that a real step has
+// left.
 #pragma once
 
 #include <string>
@@ -16,25 +17,25 @@ namespace ubs::bench {
 
 class StepBench {
  public:
-  // Uploads the scene and does one step on its first view. The scene must outlive the object. Of `training`
-  // only kernel_assignments() are looked at.
+  // Uploads the scene and runs one step on its first view. The scene must outlive the object. Only
+  // kernel_assignments() of `training` are used.
   StepBench(Device& device, const BenchScene& scene, RasterKind raster, const TrainSettings& training = {});
 
-  // `stage`: of step_stages(), or "forward_backward".
+  // `stage` is one of step_stages(), or "forward_backward".
   Measured measure(const std::string& stage, const SamplingLimits& limits);
 
-  // Wall time a call of some calls of a stage, which has run before.
+  // Runs a stage `calls` times and returns the wall time per call. The stage must have run before.
   double time_ms(const std::string& stage, int calls) { return timed_ms(device_, repeated(stage), calls); }
-  // Of the step: the image, then the gradient of each parameter row that is learnt.
+  // Returns the results of the step: the image, followed by the gradient of each trained parameter row.
   std::vector<std::vector<float>> outputs() const;
 
-  const ListTotals& totals() const { return totals_; }      // of the step's view
-  std::uint64_t peak_bytes() const { return peak_bytes_; }  // of the step
+  const ListTotals& totals() const { return totals_; }      // for the view of the step
+  std::uint64_t peak_bytes() const { return peak_bytes_; }  // peak memory of the step
 
  private:
   Repeated repeated(const std::string& stage);
   void step();
-  void restore_model();  // to the state before the step, with two per cent dead splats
+  void restore_model();  // restores the parameters of the scene
   void save_model();
 
   Device& device_;

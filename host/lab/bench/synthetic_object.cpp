@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See bench_scene.hpp. Splats are drawn in the image of the first camera and put into space from there.
+// This file implements synthetic_object() of bench_scene.hpp. Splats are chosen at random in the image of the
+// first camera and placed in space from there.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -14,11 +15,11 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kThickness = 1.0;  // half of the object's depth
-// Supports that cover an object pixel on average, set so that 50 are blended.
+constexpr double kThickness = 1.0;  // half of the depth of the object
+// Number of supports that cover a pixel of the object on average, chosen so that 50 splats are blended.
 constexpr double kCover = 70, kObjectShare = 0.5;
-constexpr double kBlur = 0.3;            // eps2d is added on the image, so it is taken off here [px^2]
-constexpr double kSmallestRadius = 0.9;  // on the image [px]
+constexpr double kBlur = 0.3;            // the projection adds eps2d, so it is subtracted here [px^2]
+constexpr double kSmallestRadius = 0.9;  // in the image [px]
 
 enum Lane : std::uint32_t {
   kSize = 0,
@@ -36,7 +37,7 @@ enum Stream : std::uint32_t { kShape, kPlace, kQuery };
 
 double logit(double p) { return std::log(p / (1 - p)); }
 
-// A point of the silhouette in [-1, 1]^2: two crossed ellipses.
+// Returns a random point of the silhouette in [-1, 1]^2, which consists of two crossed ellipses.
 std::array<double, 2> silhouette(const CounterRandom& random, std::size_t i) {
   for (std::uint32_t lane = 0;; lane += 2) {
     const double x = random.uniform(i, lane, -1, 1), y = random.uniform(i, lane + 1, -1, 1);
@@ -49,7 +50,7 @@ std::array<double, 2> silhouette(const CounterRandom& random, std::size_t i) {
 
 struct Splat {
   double x, y, z;       // camera frame
-  double s0, s1, tilt;  // support radii in space along axes turned by atan(tilt)
+  double s0, s1, tilt;  // support radii in space along axes that are rotated by atan(tilt)
   double opacity, beta;
 };
 
@@ -58,7 +59,8 @@ class Object {
   Object(std::size_t splats, int width, int height)
       : width_(width), height_(height), focal_(width / (2 * std::tan(kSyntheticAngleX / 2))) {
     const double area = kCover * kObjectShare * width * height / static_cast<double>(splats);
-    base_ = std::sqrt(area / std::numbers::pi) / 1.22;  // 1.22: mean area of the draws below
+    // 1.22 compensates for the mean area of the random sizes below.
+    base_ = std::sqrt(area / std::numbers::pi) / 1.22;
   }
 
   Splat draw(std::size_t i) const {
@@ -68,7 +70,7 @@ class Object {
     const auto uniform = [&](Lane lane) { return random.uniform(i, lane); };
     Splat s{};
     s.z = kSyntheticDistance + kThickness * (2 * uniform(kDepth) - 1);
-    const double unit = s.z / focal_;  // space for a pixel at this depth
+    const double unit = s.z / focal_;  // size of a pixel in space at this depth
     s.x = u * width_ / 2 * unit;
     s.y = v * height_ / 2 * unit;
     const double size = base_ * std::exp(0.55 * n(kSize) - 0.30), ratio = std::exp(0.45 * n(kAnisotropy));
@@ -76,7 +78,8 @@ class Object {
       const double wanted = std::max(pixels, kSmallestRadius);
       return std::sqrt(std::max(wanted * wanted - kBlur, 0.1)) * unit;
     };
-    s.tilt = std::tan((uniform(kAngle) - 0.5) * std::numbers::pi / 2);  // both axes: every direction
+    // Together, both axes cover every direction.
+    s.tilt = std::tan((uniform(kAngle) - 0.5) * std::numbers::pi / 2);
     s.s0 = radius(size * std::sqrt(ratio));
     s.s1 = radius(size / std::sqrt(ratio));
     s.opacity = uniform(kFaint) < 0.45 ? 0.03 + 0.25 * uniform(kOpacity) : 0.3 + 0.68 * uniform(kOpacity);
@@ -91,8 +94,8 @@ class Object {
   double focal_, base_;
 };
 
-// Depends on the query a little: one standard deviation is 0.3 of the splat's reach, and the exponents are
-// small, so that opacities and shapes stay near the drawn ones.
+// Adds a slight dependence on the query. One standard deviation is 0.3 of the query scale of the splat, and
+// the exponents are small, so that opacities and shapes remain close to the chosen ones.
 void set_query(SplatModel& model, std::size_t i, const Splat& s) {
   const ParameterLayout layout = model.layout();
   const CounterRandom random(1234, kQuery);
@@ -123,7 +126,7 @@ void set_splat(SplatModel& model, std::size_t i, const Splat& s) {
   for (int c = 0; c < 3; ++c) set(layout.rgb + c, random.uniform(i, static_cast<std::uint32_t>(kRed + c)));
   set(layout.opacity, logit(s.opacity));
   set(layout.beta, s.beta);
-  // The columns of I + A are orthogonal here and of length sqrt(1 + tilt^2).
+  // The columns of I + A are orthogonal here and have the length sqrt(1 + tilt^2).
   const double stretch = std::sqrt(1 + s.tilt * s.tilt);
   set(layout.l_triangle, s.tilt);
   set(layout.scale, inverse_softplus_of(s.s0 / stretch));
@@ -132,7 +135,8 @@ void set_splat(SplatModel& model, std::size_t i, const Splat& s) {
   set_query(model, i, s);
 }
 
-// Turned about the object's vertical axis by steps of half a degree: other rays, the same statistics.
+// Returns a camera that is rotated about the vertical axis of the object by a multiple of half a degree. This
+// gives different rays with the same statistics.
 Camera camera_of(std::size_t view, int width, int height, double focal) {
   const double angle = 0.5 * std::numbers::pi / 180 * static_cast<double>(view % 8);
   Camera camera;

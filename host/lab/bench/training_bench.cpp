@@ -11,7 +11,8 @@ namespace ubs::bench {
 namespace {
 
 constexpr int kSampleIterations = 5, kWarmUpSamples = 2, kProfiledSamples = 2;
-constexpr double kStandStill = 1e-12;  // no zero: the position's rate decays exponentially
+// This rate is not zero, because the learning rate of positions decays exponentially.
+constexpr double kStandStill = 1e-12;
 
 double all_device_ms(const Device& device) {
   double total = 0;
@@ -52,14 +53,14 @@ IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
     samples = 0;
     trainer.run([&](const StepReport& report) { return !report.loss || ++samples < count; });
   };
-  // Until every view has had its turn: the first use of an image uploads it.
+  // Run until every view has been used once, because the first use of an image uploads it.
   const int epoch = static_cast<int>(scene.views.views.size()) / kSampleIterations + 1;
   skip(std::max(kWarmUpSamples, epoch));
   Sampler sampler(options.limits);
   const double processor = cpu_ms();
   double before = trainer.seconds();
   trainer.run([&](const StepReport& report) {
-    if (!report.loss) return true;  // a sample ends where the loss is read, and with it all work is done
+    if (!report.loss) return true;  // a sample ends when the loss is read, because then all work is complete
     sampler.add(1e3 * (report.seconds - before) / kSampleIterations);
     before = report.seconds;
     return !sampler.enough();

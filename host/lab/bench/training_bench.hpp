@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of training as a user has it: whole iterations of the trainer with all of their host work.
+// measure_iterations() measures the time of whole training iterations, including all work on the host, as
+// users experience it.
 #pragma once
 
 #include "host/lab/bench/step_bench.hpp"
@@ -8,22 +9,23 @@
 namespace ubs::bench {
 
 struct IterationMeasurement {
-  Measured time;  // of one iteration
+  Measured time;  // time of one iteration
   std::uint64_t peak_bytes = 0, predicted_bytes = 0;
-  std::uint64_t intersections = 0;  // of the last view
+  std::uint64_t intersections = 0;  // in the last view
 };
 
 struct IterationOptions {
   RasterKind raster = RasterKind::cpu;
-  bool guard = true;  // as in training: Adam watches for values that are not finite
+  bool guard = true;  // as in training, the Adam step checks for values that are not finite
   ListCounts list_counts{};
   SamplingLimits limits;
-  TrainSettings work;  // of which only kernel_assignments() are taken
+  TrainSettings work;  // only kernel_assignments() are used
 };
 
-// Learning rates are (almost) zero, so that the scene stays what it is; everything else is as in training:
-// upload of rates, regularisation, refinement every 100 iterations, the loss read back after every fifth
-// iteration, which ends a sample. A median does not see the refinements, which cost about 1 % on average.
+// Learning rates are (almost) zero, so that the scene does not change. Everything else is as in training:
+// upload of rates, regularisation, refinement every 100 iterations, and reading the loss after every fifth
+// iteration, which ends a sample. The median does not include the refinements, which cost about 1 % on
+// average.
 IterationMeasurement measure_iterations(Device& device, const BenchScene& scene,
                                         const IterationOptions& options);
 

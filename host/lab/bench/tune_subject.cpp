@@ -9,7 +9,7 @@ namespace {
 
 class DeviceSubject final : public TuneSubject {
  public:
-  // The device must be tuned to what is tried: its kernels are made here.
+  // The values to be tried must already be set on the device, because the kernels are compiled here.
   DeviceSubject(Device& device, const BenchScene& scene, RasterKind raster) : step_(device, scene, raster) {}
 
   Parts outputs() override { return step_.outputs(); }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs-lab tune` times on a device: the stages of a training step of a scene, and whole iterations.
+// tune() chooses the tuned constants of a device for `ubs-lab tune`. It times the stages of a training step
+// on a synthetic scene.
 #pragma once
 
 #include "host/lab/bench/bench_scene.hpp"
@@ -7,11 +8,11 @@
 
 namespace ubs::bench {
 
-// The synthetic object of a size that keeps the device busy: 100K splats on 400x400 pixels for OpenCL, 300K
-// on 800x800 for CUDA; quick: tiny.
+// Returns the synthetic object in a size that keeps the device busy: 100K splats on 400x400 pixels for
+// OpenCL, and 300K on 800x800 for CUDA. `quick`: a tiny object.
 BenchScene tuning_scene(const DeviceInfo& device, bool quick);
 
-// choose_values() for a device, which is left with them.
+// Runs choose_values() for a device. Afterwards the device uses the chosen values.
 TuningValues tune(Device& device, const BenchScene& scene, const TuneOptions& options);
 
 }  // namespace ubs::bench

@@ -14,8 +14,8 @@ namespace ubs::bench {
 namespace {
 
 constexpr double kMinGain = 0.02, kErrors = 3;
-// Other batches, groups and tiles only change the order and shifts of sums; observed: 9e-6 of the gradient
-// row with the most cancellation.
+// Different batches, groups and tiles only change the order and shifts of sums. The largest difference seen
+// was 9e-6, in the gradient row with the most cancellation.
 constexpr double kMaxDifference = 1e-4;
 constexpr int kRounds = 15, kQuickRounds = 3;
 constexpr double kRoundMs = 20, kQuickRoundMs = 1;
@@ -48,7 +48,7 @@ class Tuner {
       else
         report(trial);
     }
-    // The best of several noisy values looks better than it is: it has to win once more.
+    // The best of several noisy measurements appears better than it is, so it must win a second time.
     std::ranges::sort(trials, {}, &Trial::ratio);
     bool found = false;
     for (Trial& trial : trials) {
@@ -78,7 +78,7 @@ class Tuner {
       candidate_ = make_(values);
       measure(constant, rounds, trial);
     } catch (const Error& error) {
-      // More local memory or work-items than the device has, or a compiler that is not there.
+      // The value may need more local memory or work-items than the device has, or a compiler may be missing.
       if (error.kind() != ErrorKind::build && error.kind() != ErrorKind::device &&
           error.kind() != ErrorKind::memory)
         throw;
@@ -96,8 +96,8 @@ class Tuner {
     compare(constant.stages, rounds, trial);
   }
 
-  // Time of the candidate over that of the current values, taken in turn: what slows the machine down for
-  // longer than a round cancels.
+  // Measures the ratio of the time with the candidate to that with the current values. Both are measured in
+  // turn, so that a slowdown of the machine that lasts longer than a round cancels.
   void compare(const std::vector<std::string>& stages, int rounds, Trial& trial) {
     std::vector<int> calls;
     for (const std::string& stage : stages) {
@@ -137,7 +137,7 @@ class Tuner {
   const TuneOptions& options_;
   Stopwatch watch_;
   TuningValues values_;
-  Parts reference_;  // of the defaults
+  Parts reference_;  // results with the default values
   std::unique_ptr<TuneSubject> current_, candidate_, best_;
 };
 

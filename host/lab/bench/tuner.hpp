@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds values of tuned constants (host/device/tuning.hpp) by timing the stages concerned. One constant after
-// the other, each with the values found so far. A value replaces another only when it is faster by more than
-// the noise, twice, and leaves the results of a step as they are, up to rounding.
+// choose_values() finds values of tuned constants (host/device/tuning.hpp) by timing the stages that they
+// affect. It optimises one constant after the other, each with the values found so far. A value replaces
+// another one only if it is faster by more than the noise in two measurements, and if the results of a step
+// are equal up to rounding.
 #pragma once
 
 #include <functional>
@@ -17,41 +18,43 @@ namespace ubs::bench {
 struct Trial {
   std::string macro;
   unsigned value = 0;
-  double before_ms = 0, ms = 0;       // medians of the time of its stages: with the value before, with it
-  double ratio = 0, uncertainty = 0;  // median of the ratios of both, taken in turn; its standard error
-  double difference = 0;              // of the step's results, relative; 0: the same bits
+  double before_ms = 0, ms = 0;  // median times of its stages, with the previous value and with this value
+  // Median of the ratios of alternating measurements, and its standard error.
+  double ratio = 0, uncertainty = 0;
+  double difference = 0;  // relative difference of the results of a step; 0: bit-identical
   bool kept = false;
-  bool skipped = false;  // for lack of time
-  std::string note;      // why there is no time
+  bool skipped = false;  // not tried, because the time limit was reached
+  std::string note;      // reason why the time was not measured
 };
 
 struct TuneOptions {
   RasterKind raster = RasterKind::cpu;
   bool quick = false;  // few repetitions
   double max_seconds =
-      std::numeric_limits<double>::infinity();  // candidates that would begin later are left out
+      std::numeric_limits<double>::infinity();  // candidates that would start later are skipped
   std::function<void(const Trial&)> on_trial;
 };
 
-// A ratio below 1 by more than two per cent and three standard errors.
+// Returns whether the ratio is below 1 by more than two per cent and by more than three standard errors.
 bool clearly_faster(const Trial& trial);
-// The largest |a - b| / |b| of all parts (Euclidean norms), infinite when they do not compare.
+// Returns the largest |a - b| / |b| of all parts (Euclidean norms), or infinity if the parts have different
+// sizes.
 using Parts = std::vector<std::vector<float>>;
 double relative_difference(const Parts& a, const Parts& b);
 
-// A training step with given values of the constants: that of a device (tune_subject.hpp), or of a test.
+// A training step with given values of the constants, on a device (tune_subject.hpp) or in a test.
 class TuneSubject {
  public:
   virtual ~TuneSubject() = default;
   virtual Parts outputs() = 0;
-  // Wall time a call of some calls of a stage of TunedConstant::stages.
+  // Runs a stage of TunedConstant::stages `calls` times and returns the wall time per call.
   virtual double time_ms(const std::string& stage, int calls) = 0;
 };
-// Throws Error(build, device or memory) where a device does not take the values. Subjects of earlier values
-// are still used.
+// Creates a subject with the given values. Throws Error(build), Error(device) or Error(memory) if a device
+// does not support them. Subjects with earlier values remain in use.
 using MakeSubject = std::function<std::unique_ptr<TuneSubject>(const TuningValues&)>;
 
-// The values that differ from the defaults.
+// Returns the values that differ from the defaults.
 TuningValues choose_values(TunedTable table, const MakeSubject& make, const TuneOptions& options);
 
 }  // namespace ubs::bench

@@ -8,7 +8,7 @@
 namespace ubs::oracle {
 namespace {
 
-constexpr double kRoom = 1.05, kRoomPx = 0.05;  // of the bounding boxes
+constexpr double kRoom = 1.05, kRoomPx = 0.05;  // margins of the bounding boxes
 
 void check(const Model& model, const Camera& camera, const Options& options) {
   const Rows rows(model.dim, options.variant);
@@ -37,7 +37,8 @@ std::vector<Footprint<double>> project(const Model& model, const Camera& camera,
 Frame::Frame(const Model& model, const Camera& camera, const Options& options)
     : Frame(project(model, camera, options), options) {}
 
-// Front to back by the depth as a float, ties by index, so that equal keys agree with a float sort.
+// Sorts front to back by the depth rounded to float, and by index if these depths are equal. This is the
+// order in which a single-precision renderer sorts.
 Frame::Frame(const std::vector<Footprint<double>>& all, const Options& options) {
   const double end = support(options.variant.kernel);
   std::vector<std::pair<float, std::size_t>> order;
@@ -84,7 +85,7 @@ void composite(const Frame& frame, const std::vector<int>& candidates, double x,
     if (pixel.closed > 0) continue;
     if (transmittance * (1 - alpha) <= kMinTransmittance) {
       pixel.closed = transmittance;
-      if (options.alpha_min > 0) continue;  // what would be left out behind it is counted
+      if (options.alpha_min > 0) continue;  // splats behind it that alpha_min would skip are counted
       break;
     }
     transmittance *= 1 - alpha;

@@ -11,9 +11,9 @@
 namespace ubs::oracle {
 namespace {
 
-// Three standard normals of the counter: Box and Muller of the four words.
+// Returns three standard normal numbers for the counter, by the method of Box and Muller from four words.
 std::array<double, 3> normals(std::uint32_t item, std::uint64_t seed, std::uint64_t iteration) {
-  constexpr std::uint32_t kNoise = 0x55000003u;  // what the numbers are for
+  constexpr std::uint32_t kNoise = 0x55000003u;  // identifies the purpose of the random numbers
   const PhiloxCounter words = philox4x32_10(
       {item, static_cast<std::uint32_t>(iteration), static_cast<std::uint32_t>(iteration >> 32), kNoise},
       {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)});

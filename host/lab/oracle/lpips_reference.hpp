@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// LPIPS in double, as plain loops over the network's description.
+// lpips_reference() computes LPIPS in double precision, as plain loops over the description of the network.
 #pragma once
 
 #include <fmt/format.h>
@@ -80,7 +80,7 @@ inline Features fire(const Features& in, const TensorFile& w, const std::string&
   return out;
 }
 
-// (height, width) by channel in [0, 1].
+// Returns the distance of two images with values in [0, 1], as (channels, height, width).
 inline double lpips_reference(const Network& network, const TensorFile& w, std::array<Features, 2> f,
                               bool centred) {
   const double shift[3] = {-0.030, -0.088, -0.188}, scale[3] = {0.458, 0.448, 0.450};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Dense matrices over the scalars of tape.hpp, and the few textbook algorithms that the oracle needs.
+// Matrix is a dense matrix of the scalars of tape.hpp. The file also contains the few textbook algorithms
+// that the oracle needs.
 #pragma once
 
 #include <cmath>
@@ -64,8 +65,8 @@ inline Matrix<double> absolute(Matrix<double> a) {
   return a;
 }
 
-// Gauss-Jordan without pivoting: sufficient where the symmetric part is positive definite, and for
-// triangular matrices.
+// Returns the inverse by Gauss-Jordan elimination without pivoting. This is sufficient if the symmetric part
+// is positive definite, and for triangular matrices.
 template <class S>
 Matrix<S> inverse(Matrix<S> a) {
   const int n = a.rows();
@@ -88,7 +89,8 @@ Matrix<S> inverse(Matrix<S> a) {
   return result;
 }
 
-// Lower factor with positive diagonal. A non-positive pivot becomes NaN and the splat is culled.
+// Returns the lower factor with positive diagonal. A pivot that is not positive becomes NaN, and then the
+// splat is culled.
 template <class S>
 Matrix<S> cholesky(const Matrix<S>& a) {
   using std::sqrt;
@@ -113,12 +115,14 @@ std::vector<S> forward_substitution(const Matrix<S>& lower, std::span<const S> r
   return result;
 }
 
-// Least pivot of the query factor (kernels/limits.h): only a row of zeros has less where query scales are
-// clamped. Below kPivotNoise times its row a pivot is noise of single precision.
+// Minimum pivot of the query factor (kernels/limits.h). Query scales are clamped, so only a row of zeros has
+// a smaller pivot. If a pivot is below kPivotNoise times the length of its row, it is noise of single
+// precision.
 inline constexpr double kPivotAbsolute = 1e-30, kPivotNoise = 1e-7;
 
-// B = L Q with rows of Q orthonormal: Gram-Schmidt, repeated once, so that the condition number of B is met
-// and not its square. A row without a direction of its own keeps the floor as its pivot.
+// LowerOrthogonal is the factorisation B = L Q, where the rows of Q are orthonormal. It is computed by
+// Gram-Schmidt orthogonalisation, which is repeated once, so that errors grow with the condition number of B
+// and not with its square. If a row depends linearly on the rows before it, its pivot is the minimum.
 template <class S>
 struct LowerOrthogonal {
   Matrix<S> lower, rows;
@@ -146,7 +150,7 @@ LowerOrthogonal<S> lower_orthogonal(const Matrix<S>& b) {
     S rest(0);
     for (const S& x : row) rest += x * x;
     const double length = std::sqrt(value(rest));
-    // Twice: near the floor the rounding of the row itself decides.
+    // Use twice the limit, because near the limit the result depends on the rounding of the row itself.
     result.floored = result.floored || !(length > 2 * (kPivotNoise * std::sqrt(square) + kPivotAbsolute));
     result.lower(i, i) = length > kPivotAbsolute ? sqrt(rest) : S(kPivotAbsolute);
     for (int k = 0; k < b.columns(); ++k) result.rows(i, k) = row[k] / result.lower(i, i);

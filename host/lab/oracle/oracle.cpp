@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compositing, loss and gradient of the oracle. Backward in two tapes: one per pixel (image -> footprints),
-// one per splat (footprint -> raw parameters).
+// This file implements compositing, loss and gradient of the oracle. The backward pass uses two tapes: one
+// per pixel (image -> footprints), and one per splat (footprint -> raw parameters).
 #include "host/lab/oracle/oracle.hpp"
 
 #include <algorithm>
@@ -33,7 +33,7 @@ Pixel<S> blend(const std::vector<Footprint<S>>& footprints, double x, double y, 
   return pixel;
 }
 
-// Calls visit(pixel index, x, y, what it composites) for every pixel.
+// Calls visit(pixel index, x, y, composited splats) for every pixel.
 template <class Visit>
 void for_pixels(const Frame& frame, const Camera& camera, const Options& options, const Visit& visit) {
   Composited pixel;
@@ -117,7 +117,7 @@ Footprint<Var> taped(Tape& tape, const Footprint<double>& f) {
 
 using PixelGradient = std::array<double, 4>;  // dLoss / d rgb, depth
 
-// Adds the gradient of one pixel to the footprints it composites.
+// Adds the gradient of one pixel to the footprints that it composites.
 void add_pixel(const Frame& frame, const std::vector<int>& list, double x, double y, const PixelGradient& g,
                const Options& options, Tape& tape, std::vector<FootprintGradient>& out) {
   tape.clear();

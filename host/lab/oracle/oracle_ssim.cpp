@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SSIM of the oracle: dense 11 x 11 window sums with zero padding; the map is differentiated by the tape and
-// the window sums by their transpose (scatter), so no closed-form SSIM gradient is used.
+// This file implements SSIM of the oracle, with dense 11 x 11 window sums and zero padding. The tape
+// differentiates the map, and the transpose (scatter) of the window sums completes the gradient, so no
+// closed-form SSIM gradient is used.
 #include <array>
 #include <cmath>
 #include <stdexcept>
@@ -22,7 +23,7 @@ std::array<double, 2 * kRadius + 1> window_weights() {
   return weights;
 }
 
-// Calls visit(neighbour index, weight) for the window of (row, column) as far as it lies in the image.
+// Calls visit(neighbour index, weight) for the part of the window of (row, column) that is in the image.
 template <class Visit>
 void for_window(int row, int column, int height, int width, const Visit& visit) {
   static const std::array<double, 2 * kRadius + 1> kWeights = window_weights();
@@ -83,7 +84,7 @@ void add_channel_gradient(const double* a, const double* b, int height, int widt
 
 namespace {
 
-// Over the windows whose centres are `margin` pixels or more inside of the image.
+// Returns the mean over the windows whose centres are at least `margin` pixels inside the image.
 double mean_similarity(std::span<const double> a, std::span<const double> b, int channels, int height,
                        int width, int margin) {
   check_sizes(a.size(), b.size(), channels, height, width);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Generators of the test scenes. Parameters are drawn as activated values and stored raw.
+// This file generates the test scenes. Parameters are drawn as activated values and stored as raw values.
 #include "host/lab/oracle/scenes.hpp"
 
 #include <algorithm>
@@ -30,7 +30,7 @@ Vector centre_of(const Camera& camera) {
   return result;
 }
 
-// World position of the point at camera-space (x/z, y/z) and depth z.
+// Returns the world position of the point at camera-space (x/z, y/z) and depth z.
 Vector unproject(const Camera& camera, double slope_x, double slope_y, double z) {
   const Vector p{slope_x * z - camera.translation[0], slope_y * z - camera.translation[1],
                  z - camera.translation[2]};
@@ -40,7 +40,7 @@ Vector unproject(const Camera& camera, double slope_x, double slope_y, double z)
   return result;
 }
 
-// One splat as activated values; store() turns it into raw parameters. Shared by all generators.
+// One splat as activated values; store() converts it to raw parameters. All generators use it.
 struct Splat {
   explicit Splat(int dim)
       : beta(dim - 2, 0.0), mean(dim - 3, 0.0), scale(dim, 1.0), triangle(dim * (dim - 1) / 2) {}
@@ -52,7 +52,7 @@ struct Splat {
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 
-// Raw values; what only variants have comes from `random`.
+// Appends raw values. Values that only variants have come from `random`.
 void put_colour(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
   if (variant.colour == ColourMode::rgb) {
     out.insert(out.end(), splat.rgb.begin(), splat.rgb.end());
@@ -72,7 +72,7 @@ void put_rotation(const Splat& splat, const ModelVariant& variant, Random& rando
     return;
   }
   for (std::size_t k = 0; k < splat.triangle.size(); ++k) {
-    // In the place of an angle stands an entry in world units, next to scales of 0.12 to 0.45.
+    // With `cholesky`, an angle is replaced by an entry in world units, next to scales of 0.12 to 0.45.
     const bool spatial_entry = k < 3 && variant.cov_param == CovParam::cholesky;
     out.push_back(splat.triangle[k] * (spatial_entry ? 0.3 : 1));
   }
@@ -89,7 +89,8 @@ void store(const Splat& splat, std::size_t index, SplatModel& model) {
   if (!gaussian) values.push_back(splat.beta[0]);
   if (betas) values.insert(values.end(), splat.beta.begin() + 1, splat.beta.end());
   values.insert(values.end(), splat.mean.begin(), splat.mean.end());
-  // A third of the scale as the deviation gives a Gaussian about the footprint of the Beta kernel.
+  // With a third of the scale as standard deviation, a Gaussian has about the same footprint as the Beta
+  // kernel.
   for (std::size_t i = 0; i < splat.scale.size(); ++i)
     values.push_back(inverse_softplus(gaussian && i < 3 ? splat.scale[i] / 3 : splat.scale[i]));
   put_rotation(splat, variant, random, values);
@@ -113,7 +114,7 @@ SplatModel make_model(const SceneOptions& options, std::size_t count) {
   return model;
 }
 
-// What `camera` asks of a splat at `position`, in the query order of the model.
+// Returns the query of `camera` for a splat at `position`, in the query order of the model.
 std::vector<double> query_at(const Vector& position, const Camera& camera, int dim) {
   std::vector<double> q;
   if (dim >= 6) {
@@ -126,7 +127,7 @@ std::vector<double> query_at(const Vector& position, const Camera& camera, int d
   return q;
 }
 
-// An ordinary splat at `position`: conditioning moderate, |omega| <= 0.7, seen well by `camera`.
+// Returns an ordinary splat at `position`: moderate conditioning, |omega| <= 0.7, well visible from `camera`.
 Splat ordinary_splat(Random& random, int dim, const Vector& position, const Camera& camera) {
   Splat splat(dim);
   splat.position = position;
@@ -153,14 +154,16 @@ void make_opaque(Splat& splat, const Camera& camera, int dim) {
   for (double& b : splat.beta) b = -2.5;
 }
 
-// Far outside its query range. beta raw near -5 keeps the floored factor (eps^beta about 0.6) visible.
+// Places the splat far outside its query range. Raw betas near -5 keep the floored factor (eps^beta, about
+// 0.6) visible.
 void make_floored(Splat& splat, Random& random) {
   for (double& m : splat.mean) m += 6;
   for (std::size_t i = 1; i < splat.beta.size(); ++i) splat.beta[i] = random.uniform(-5.5, -4.5);
   for (std::size_t i = 3; i < splat.triangle.size(); ++i) splat.triangle[i] *= 0.3;
 }
 
-// Mean beyond 1.3 times the half field of view, support large enough to reach into the image.
+// Places the mean beyond 1.3 times the half field of view, with a support that is large enough to reach into
+// the image.
 void make_off_screen(Splat& splat, Random& random, const Camera& camera, int dim) {
   const double limit = (camera.width - camera.cx) / camera.fx + 0.3 * camera.width / (2 * camera.fx);
   splat.position =
@@ -227,8 +230,8 @@ Scene regular_scene(const SceneOptions& options) {
   Scene scene = start_scene(options, options.count);
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
-    // Two of three belong to camera 0, the others to any camera of the ring (dimmer or floored from camera
-    // 0).
+    // Five of six splats belong to camera 0. The others belong to any camera of the ring, and are dimmer or
+    // floored when seen from camera 0.
     const int owner = random.uniform(0, 6) < 5 ? 0 : static_cast<int>(random.bits() % kRingCameras);
     const Camera camera = ring_camera(options, owner);
     Splat splat = ordinary_splat(random, options.dim, random_position(random), camera);
@@ -270,7 +273,7 @@ Scene behind_camera_scene(const SceneOptions& options) {
   Scene scene = start_scene(options, options.count);
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
-    // Deep enough that the conditional shift cannot bring the mean in front of the camera.
+    // The splats are so far behind the camera that the conditional shift cannot move a mean in front of it.
     const Vector position = unproject(scene.camera, random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5),
                                       random.uniform(-20, -10));
     store(ordinary_splat(random, options.dim, position, scene.camera), i, scene.model);
@@ -295,7 +298,8 @@ Scene identical_depth_scene(const SceneOptions& options) {
   for (std::size_t i = 0; i < options.count; ++i) {
     const Vector position{random.uniform(-0.9, 0.9), random.uniform(-0.9, 0.9), 0};
     Splat splat = ordinary_splat(random, options.dim, position, scene.camera);
-    // Without Lqx the conditional mean is the mean, so the depths are exactly equal in float and in double.
+    // Without Lqx the conditional mean equals the mean, so the depths are exactly equal in float and in
+    // double.
     for (int q = 3; q < options.dim; ++q)
       for (int k = 0; k < 3; ++k) splat.triangle[q * (q - 1) / 2 + k] = 0;
     store(splat, i, scene.model);

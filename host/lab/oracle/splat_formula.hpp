@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The per-splat formulas of the oracle: raw parameters of one splat -> its footprint in one image.
-// Written plainly from the method (dense matrices, full NxN covariance, Gauss-Jordan inverse beside a
-// separate Cholesky) as templates over the scalar of tape.hpp. Nothing here is shared with the production
-// code. Every scalar branch takes value(x): clamps and culls follow the value and carry no gradient of their
-// own.
+// This file contains the per-splat formulas of the oracle: raw parameters of one splat -> its footprint in
+// one image. They are written plainly from the method (dense matrices, full NxN covariance, Gauss-Jordan
+// inverse and a separate Cholesky factor) as templates over the scalar of tape.hpp. Nothing here is shared
+// with the production code. Every branch on a scalar uses value(x): clamps and culls depend on the value and
+// have no gradient of their own.
 #pragma once
 
 #include <algorithm>
@@ -24,9 +24,9 @@
 
 namespace ubs::oracle {
 
-// Row numbers in file order, derived here again so that the layout of the product is checked, not trusted.
-// Rows exist only for what the variant uses: no spatial beta with a Gaussian kernel, no query betas where
-// neither the conditioning nor the opacity has them.
+// Row numbers in file order. They are derived again here, so that the layout of the product is checked and
+// not assumed. Rows exist only for what the variant uses: there is no spatial beta with a Gaussian kernel,
+// and there are no query betas if neither the conditioning nor the opacity uses them.
 struct Rows {
   explicit Rows(int n, const ModelVariant& v = {})
       : dim(n),
@@ -58,7 +58,8 @@ S softplus(const S& x) {
   return value(x) > 20 ? x : log1p(exp(x));
 }
 
-// Skew matrix of the packed strict lower triangle, plus in the UPPER triangle (official packing).
+// Returns the skew matrix of the packed strict lower triangle. Entries are positive in the UPPER triangle
+// (official packing).
 template <class S>
 Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   Matrix<S> result(n, n);
@@ -70,24 +71,26 @@ Matrix<S> skew(std::span<const S> raw, const Rows& rows, int n) {
   return result;
 }
 
-// Documented clamps (kernels/limits.h), written here again. The raw spatial beta ends at kLargestRawBeta; a
-// query scale is at least least_query_scale() times the length of what stands left of it in its row.
+// The documented clamps (kernels/limits.h), written again here. The raw spatial beta is at most
+// kLargestRawBeta. A query scale is at least least_query_scale() times the length of the entries to the left
+// of it in its row.
 inline constexpr double kLargestRawBeta = 7.5;
 inline double least_query_scale(const ModelVariant& variant) {
   return variant.cov_mode == CovMode::whiten ? 1.2e-2 : 6e-3;
 }
-// A spatial scale is at least this times the largest of the three.
+// Returns the minimum of a spatial scale, relative to the largest of the three.
 inline double least_spatial_scale(const ModelVariant& variant) {
   return variant.cov_param == CovParam::skew_nd    ? 1e-3
          : variant.cov_param == CovParam::cholesky ? 3e-4
                                                    : 1e-4;
 }
-// skew_nd: after that a query scale as above, of its row of (I + A) diag(s), and a spatial one
-// kMinSkewMotion times the query columns of its row, with no other scale raised.
+// With skew_nd there is a second clamp after the one above. A query scale is clamped in the same way with its
+// row of (I + A) diag(s), and a spatial scale is at least kMinSkewMotion times the length of the query
+// columns of its row. Both rules use the scales before this second clamp.
 inline constexpr double kMinSkewMotion = 1.5e-2;
 
-// Softplus of the raw spatial scales, raised where they are below the least; its derivative is that of the
-// largest then.
+// Returns softplus of the raw spatial scales, raised to the minimum if they are below it. A raised scale has
+// the derivative of the largest one.
 template <class S>
 std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const ModelVariant& variant) {
   std::array<S, 3> scales;
@@ -100,7 +103,7 @@ std::array<S, 3> spatial_scales(std::span<const S> raw, const Rows& rows, const 
   return scales;
 }
 
-// The derivative is that of the larger one.
+// Returns the larger one of `scale` and its minimum, with the derivative of that value.
 template <class S>
 S query_scale(const S& scale, const Matrix<S>& factor, int row, double ratio) {
   using std::sqrt;
@@ -130,8 +133,8 @@ std::vector<S> skew_scales(std::span<const S> raw, const Rows& rows, const Matri
   return result;
 }
 
-// The N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; `cholesky` a plain lower
-// triangle; `skew_nd` (I + A) diag(s).
+// Returns the N x N factor L of the covariance L L^T: [[R diag(s_x), 0], [Lqx, Lq]]; with `cholesky` a plain
+// lower triangle; with `skew_nd` (I + A) diag(s).
 template <class S>
 Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const ModelVariant& variant = {}) {
   const int n = rows.dim;
@@ -153,7 +156,7 @@ Matrix<S> covariance_factor(std::span<const S> raw, const Rows& rows, const Mode
     for (int j = 0; j < 3; ++j)
       for (int i = 0; i < 3; ++i) result(i, j) = r(i, j) * scales[j];
   }
-  // Direct: below the spatial block stands nothing of a covariance.
+  // With direct conditioning, the rows below the spatial block are not part of a covariance.
   const int last = variant.conditioning == Conditioning::direct ? 3 : n;
   for (int i = triangular ? 0 : 3; i < last; ++i) {
     for (int j = 0; j < i; ++j) result(i, j) = raw[rows.triangle + i * (i - 1) / 2 + j];
@@ -167,8 +170,8 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   std::array<double, 3> centre{};
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) centre[i] -= camera.rotation[3 * k + i] * camera.translation[k];
-  // A position that is a float but for the rounding of double is meant as that float: a splat may stand
-  // there.
+  // If a position differs from a float only by the rounding of double, the float is meant, because a splat
+  // may have exactly this position.
   const double size =
       std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
   for (double& c : centre)
@@ -176,7 +179,8 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   return centre;
 }
 
-// Direction from the camera to the unconditional mean; the scalar type decides about its gradient.
+// Returns the direction from the camera to the unconditional mean. The scalar type determines whether it has
+// a gradient.
 template <class S>
 std::array<S, 3> view_direction(const std::array<S, 3>& position, const Camera& camera) {
   using std::sqrt;
@@ -188,7 +192,7 @@ std::array<S, 3> view_direction(const std::array<S, 3>& position, const Camera& 
   return w;
 }
 
-// C = 1, 2: (t, extra...); C >= 3: the direction first, then (t, extra...).
+// Returns the query: (t, extra...) for C = 1 and 2; the direction, then (t, extra...) for C >= 3.
 template <class S>
 std::vector<S> query_vector(std::span<const S> raw, const Rows& rows, const Camera& camera, bool query_grad) {
   std::vector<S> result;
@@ -207,18 +211,19 @@ std::vector<S> query_vector(std::span<const S> raw, const Rows& rows, const Came
   return result;
 }
 
-// min(exp b, 1) with the slope of exp for b < 0 and exactly none from b = 0 upwards.
+// Returns min(exp b, 1). The slope is that of exp for b < 0, and exactly 0 for b >= 0.
 template <class S>
 S condition_weight(const S& b) {
   using std::exp;
   return value(b) < 0 ? exp(b) : S(1);
 }
 
-// y^2 is cut here: far below what overflows in the factor without the floor.
+// y^2 is limited to this value, which is far below the values at which the factor without the floor
+// overflows.
 inline constexpr double kLargestU = 1e4;
 inline constexpr double kLowestLogFactor = -15.942385152878742;  // ln 2^-23
 
-// ln(1 - tanh(y^2)), floored at the logarithm of the float epsilon if `floored`.
+// Returns ln(1 - tanh(y^2)). If `floored`, it is at least the logarithm of the float epsilon.
 template <class S>
 S log_query_factor(const S& y, bool floored = true) {
   using std::exp;
@@ -228,24 +233,27 @@ S log_query_factor(const S& y, bool floored = true) {
   return floored && value(factor) < kLowestLogFactor ? S(kLowestLogFactor) : factor;
 }
 
-// Where a value or a derivative is not that of the plain formula: the documented clamps.
+// Marks splats whose value or derivative is not that of the plain formula, because of the documented clamps.
 struct Guards {
-  bool pivot = false;  // a pivot of the query factor was lifted: its value is defined, its derivative is not
-  bool kink = false;   // within rounding of a bend of the formulas: the derivative may be that of either side
-  bool out_of_range = false;  // beyond what single precision holds: drawn or culled, undecided
+  // A pivot of the query factor was raised: the value is defined, but the derivative is not.
+  bool pivot = false;
+  bool kink = false;  // within rounding of a kink of the formulas: the derivative may be that of either side
+  bool out_of_range = false;  // outside the range of single precision: undecided whether visible or culled
 };
 
 template <class S>
 struct Conditioned {
   std::array<S, 3> mean;
-  Matrix<S> covariance;  // the full V of method 2.3, asymmetric in general
+  Matrix<S> covariance;  // the full V of method.md 2.3, asymmetric in general
   S opacity;             // o_q
   Guards guards;
-  Matrix<double> covariance_terms{3, 3};  // sums of the sizes of the terms of `covariance`; in double only
+  // Sums of the magnitudes of the terms of `covariance`; only with double.
+  Matrix<double> covariance_terms{3, 3};
 };
 
 inline constexpr double kLargestFloat = 3.4028234663852886e38;
-// A splat whose raw parameters, as one vector, are longer than this is not drawn (kernels/limits.h says why).
+// A splat is not rendered if its raw parameters, as one vector, are longer than this (kernels/limits.h has
+// the reason).
 inline constexpr double kLargestRaw = 1e12;
 template <class S>
 bool in_raw_range(std::span<const S> raw) {
@@ -253,12 +261,12 @@ bool in_raw_range(std::span<const S> raw) {
   for (const S& x : raw) square += value(x) * value(x);
   return square <= kLargestRaw * kLargestRaw;
 }
-// Numbers whose squares, or products in threes, single precision cannot hold.
+// Limit for numbers whose squares or triple products must be representable in single precision.
 inline constexpr double kLargestFactor = 1e18;
-// Relative distance to a bend below which rounding decides about the side.
+// Relative distance to a kink below which rounding decides which side is taken.
 inline constexpr double kKinkMargin = 1e-5;
 
-// Whether a clamped parameter is within rounding of its clamp.
+// Returns whether a clamped parameter is within rounding of its clamp.
 template <class S>
 bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& factor,
                 const ModelVariant& variant) {
@@ -279,7 +287,7 @@ bool near_clamp(std::span<const S> raw, const Rows& rows, const Matrix<S>& facto
   return false;
 }
 
-// ln(o_q / o) from the whitened residual y.
+// Returns ln(o_q / o) for the whitened residual y.
 template <class S>
 S log_opacity_factor(std::span<const S> raw, const Rows& rows, const std::vector<S>& y,
                      const ModelVariant& variant) {
@@ -303,8 +311,9 @@ bool near_floor(const std::vector<S>& y, const ModelVariant& variant) {
   });
 }
 
-// The direct form: with the factor L of the query precision, the cross covariance s Theta (s the mean spatial
-// scale) and the weights W, mean + s Theta W (L L^T) x and the opacity at L^T x. x: query minus its mean.
+// Computes the mean and the opacity of a splat with direct conditioning. L is the factor of the query
+// precision, s Theta is the cross covariance (s is the mean spatial scale), and W are the weights. x is the
+// query minus its mean. The mean is mean + s Theta W (L L^T) x, and the opacity is evaluated at L^T x.
 template <class S>
 void condition_directly(std::span<const S> raw, const Rows& rows, const std::vector<S>& x,
                         const ModelVariant& variant, Conditioned<S>& result) {
@@ -364,7 +373,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     condition_directly<S>(raw, rows, x, variant, result);
     return result;
   }
-  // Sigma_xq Sigma_q^-1 = F Q^T L^-1 with the spatial rows F and B = L Q.
+  // Sigma_xq Sigma_q^-1 = F Q^T L^-1, with the spatial rows F and B = L Q.
   const Matrix<S> query = factor.block(3, 0, c, rows.dim);
   const LowerOrthogonal<S> lq = lower_orthogonal(query);
   const std::vector<S> y = forward_substitution<S>(lq.lower, x);
@@ -374,7 +383,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
     weights(j, j) = variant.beta_cond == BetaCond::on ? condition_weight(raw[rows.query_beta + j]) : S(1);
   const bool whitened = variant.cov_mode == CovMode::whiten;
   for (int j = 0; j < c; ++j) column(j, 0) = whitened ? y[j] : x[j];
-  // offset = F Q^T z and V = F (I - Q^T Y) F^T.
+  // The result is offset = F Q^T z and V = F (I - Q^T Y) F^T.
   const Matrix<S> solve = whitened ? weights : inverse(lq.lower) * weights;
   const Matrix<S> offset = spatial * lq.rows.transposed() * (solve * column);
   const Matrix<S> kept =
@@ -393,7 +402,7 @@ Conditioned<S> condition(std::span<const S> raw, const Rows& rows, const Camera&
   return result;
 }
 
-// What a pixel needs to know about a splat.
+// The values of a splat that a pixel needs.
 template <class S>
 struct Footprint {
   std::array<S, 2> mean;
@@ -403,11 +412,11 @@ struct Footprint {
   S depth = S(0);
   std::array<S, 3> cov;  // support ellipse on the image plus eps2d: 00, 01, 11
   bool visible = false;
-  bool in_range = false;  // of near and far plane; else only the depth is given
-  double reach = 0;       // sum |mean_j - centre_j|: the size of what the camera-space mean is the sum of
+  bool in_range = false;  // between the near and far planes; otherwise only `depth` is set
+  double reach = 0;       // sum |mean_j - centre_j|: magnitude of the terms of the camera-space mean
   Guards guards;
-  // In double only: product of the sizes of what `cov` is summed from over its determinant: how much of the
-  // conic rounding may take.
+  // Only with double: product of the magnitudes of the terms of `cov`, divided by its determinant. It is the
+  // factor by which rounding may be amplified in the conic.
   double amplification = 1;
 };
 
@@ -416,8 +425,8 @@ S clamp_by_value(const S& x, double low, double high) {
   return value(x) < low ? S(low) : value(x) > high ? S(high) : x;
 }
 
-// The affine approximation J of the pinhole projection at the camera-space point p, columns limited to
-// 1.3 times the half field of view around the true principal point.
+// Returns the affine approximation J of the pinhole projection at the camera-space point p. Its columns are
+// limited to 1.3 times the half field of view around the true principal point.
 template <class S>
 Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   const double margin_x = 0.3 * camera.width / (2 * camera.fx);
@@ -432,7 +441,7 @@ Matrix<S> projection_jacobian(const std::array<S, 3>& p, const Camera& camera) {
   return j;
 }
 
-// Upper triangle of V, mirrored: the lower entries of the general V are not used at all.
+// Returns the upper triangle of V, mirrored. The lower entries of the general V are not used at all.
 template <class S>
 Matrix<S> symmetric(const Matrix<S>& v) {
   Matrix<S> result = v;
@@ -441,7 +450,8 @@ Matrix<S> symmetric(const Matrix<S>& v) {
   return result;
 }
 
-// A tenth of what the blur adds to the determinant of an ellipse: with less a splat is not drawn.
+// Returns a tenth of the amount that the blur adds to the determinant of an ellipse. With a smaller
+// determinant, a splat is not rendered.
 template <class S>
 double least_determinant(const std::array<S, 3>& cov, double eps2d) {
   return 0.1 * eps2d * (value(cov[0]) + value(cov[2]) - eps2d);
@@ -455,7 +465,8 @@ bool all_finite(const Footprint<S>& f) {
   return true;
 }
 
-// Numbers, or what they are made of, that single precision may not hold.
+// Returns whether values of the footprint, or the terms that they are computed from, may exceed the range of
+// single precision.
 template <class S>
 bool beyond_float(const Footprint<S>& f, double product) {
   constexpr double kMost = kLargestFloat / 16;
@@ -465,8 +476,8 @@ bool beyond_float(const Footprint<S>& f, double product) {
   return false;
 }
 
-// Spherical Beta lobes of deformable Beta splatting: the cosine to the axis of two angles, and softplus of
-// sharpness 10 ln 2.
+// The spherical Beta lobes of Deformable Beta Splatting use the cosine of the angle to an axis, which is
+// given by two angles, and a softplus with sharpness 10 ln 2.
 template <class S>
 S lobe_cosine(const S& theta, const S& phi, const std::array<S, 3>& d) {
   using std::cos, std::sin;
@@ -506,7 +517,7 @@ std::array<S, 3> colour(std::span<const S> raw, const Rows& rows, const Camera& 
   return result;
 }
 
-// Whether a coordinate is within rounding of the limits of projection_jacobian.
+// Returns whether a coordinate is within rounding of the limits of projection_jacobian.
 inline bool near_limit(double slope, double low, double high) {
   const double margin = kKinkMargin * std::max(std::abs(low), std::abs(high));
   return std::abs(slope - low) < margin || std::abs(slope - high) < margin;
@@ -521,8 +532,8 @@ inline bool near_frustum_limit(const std::array<double, 3>& p, const Camera& cam
                     (camera.height - camera.cy) / camera.fy + margin_y);
 }
 
-// `shift`, where given, is added to the mean in the camera's frame: the place where rounding of the position
-// enters (study.cpp).
+// Returns the footprint of a splat. If `shift` is given, it is added to the mean in the camera's frame, where
+// the rounding of the position enters (study.cpp).
 template <class S>
 Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& camera, const Options& options,
                        const std::array<S, 3>* shift = nullptr) {
@@ -575,7 +586,8 @@ Footprint<S> footprint(std::span<const S> raw, const Rows& rows, const Camera& c
   return result;
 }
 
-// r = D^T Q D, not below 0: rounding at the centre of a stretched splat may give a tiny negative number.
+// Returns r = D^T Q D, but at least 0, because rounding at the centre of a stretched splat may give a small
+// negative number.
 template <class S>
 S kernel_radius(const Footprint<S>& f, double pixel_x, double pixel_y) {
   const S dx = f.mean[0] - pixel_x, dy = f.mean[1] - pixel_y;
@@ -595,12 +607,13 @@ S splat_alpha(const Footprint<S>& f, const S& r, SpatialKernel kernel = SpatialK
   return value(alpha) > most ? S(most) : alpha;
 }
 
-// Whether the splat has a part at a point: r < 1, or alpha >= 1/255.
+// Returns whether the splat contributes at a point: r < 1, or alpha >= 1/255 for Gaussians.
 inline bool reaches(const Footprint<double>& f, double r, SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? r < 1 : splat_alpha(f, r, kernel) >= kMinAlphaGaussian;
 }
 
-// r at the end of the widest splat: 1, or where an opaque Gaussian's alpha is 1/255.
+// Returns r at the edge of the widest splat: 1, or the value at which the alpha of an opaque Gaussian is
+// 1/255.
 inline double support(SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? 1 : -2 * std::log(kMinAlphaGaussian);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See study.hpp. Rounding of the inputs goes to the footprint by the tape: with the Jacobian J of what a
-// pixel reads and the sizes d of the inputs' rounding, the covariance J diag(d^2) J^T gives the deviation of
-// any smooth function of the footprint.
+// This file implements study.hpp. The tape propagates the rounding of the inputs to the footprint: with the
+// Jacobian J of the values that a pixel reads, and the rounding errors d of the inputs, the covariance J
+// diag(d^2) J^T gives the deviation of any smooth function of the footprint.
 #include "host/lab/oracle/study.hpp"
 
 #include <algorithm>
@@ -15,22 +15,25 @@
 namespace ubs::oracle {
 namespace {
 
-constexpr std::size_t kMaxCancelling = 64;  // splats of which the ways of the gradient are told apart
+// Maximum number of splats for which gradient_cancellation() is computed.
+constexpr std::size_t kMaxCancelling = 64;
 constexpr double kHalfUlp = 0x1p-24;
-constexpr double kRimWidth = 2e-6;  // of 1 - r: at least this counts as the rim
+constexpr double kRimWidth = 2e-6;  // minimum width of the rim, in 1 - r
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// What a changed decision must do to a pixel (weight of a colour, slope of alpha in r) to matter.
+// A changed decision matters if it changes a pixel by at least this much (weight of a colour, slope of alpha
+// in r).
 constexpr double kMaterialWeight = 1e-6, kMaterialSlope = 1e-4;
 
-// Mean x, y; factor l00, l01, l11 of the conic (r = (l00 dx + l01 dy)^2 + (l11 dy)^2); log of the opacity.
+// The values that a pixel reads: mean x, y; factor l00, l01, l11 of the conic (r = (l00 dx + l01 dy)^2 + (l11
+// dy)^2); logarithm of the opacity.
 constexpr int kReadings = 6;
 enum { kX, kY, kL00, kL01, kL11, kLogOpacity, kDepth, kSmallAxis, kOutputs };
 
 struct Rounding {
   std::array<double, kReadings> value{};
   std::array<std::array<double, kReadings>, kReadings> covariance{};
-  double depth = 0;       // deviation
-  double small_axis = 0;  // of det / trace of the ellipse
+  double depth = 0;       // deviation of the depth
+  double small_axis = 0;  // deviation of det / trace of the ellipse
 };
 
 struct Box {
@@ -42,8 +45,9 @@ std::vector<double> query_values(const std::vector<double>& raw, const Rows& row
   return query_vector<double>(raw, rows, camera, false);
 }
 
-// Size of the rounding of each raw parameter: of its distance from the camera or from the query where only
-// that is read, so that far coordinates are taken as the exact numbers that they are.
+// Returns the rounding error of each raw parameter. If only the distance of a parameter from the camera or
+// from the query is used, it is the rounding error of that distance, so that far coordinates count as the
+// exact numbers that they are.
 std::vector<double> input_rounding(const std::vector<double>& raw, const Rows& rows, const Camera& camera) {
   std::vector<double> size;
   for (double x : raw) size.push_back(std::isfinite(x) ? kHalfUlp * std::abs(x) : 0.0);
@@ -113,10 +117,10 @@ double deviation(const Rounding& s, const std::array<double, kReadings>& slope) 
   return std::sqrt(std::max(0.0, sum));
 }
 
-// One splat at one pixel.
+// The values of one splat at one pixel.
 struct Meeting {
   double r = 0, r_rounding = 0;
-  double alpha = 0, alpha_rounding = 0;  // before the cap
+  double alpha = 0, alpha_rounding = 0;  // before alpha is limited
 };
 
 Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, double margin,
@@ -143,7 +147,8 @@ Meeting meet(const Footprint<double>& f, const Rounding& s, double x, double y, 
   return m;
 }
 
-// Whether r is within rounding of the end of the support and alpha or its slope matters there.
+// Returns whether r is within rounding of the end of the support, and alpha or its slope is large enough
+// there to matter.
 bool at_rim(const Footprint<double>& f, const Meeting& m, SpatialKernel kernel) {
   if (kernel == SpatialKernel::gaussian) return std::abs(m.alpha - kMinAlphaGaussian) < m.alpha_rounding;
   const double width = m.r_rounding + kRimWidth;
@@ -211,10 +216,12 @@ bool undecided_cull(const Footprint<double>& f, const Rounding& s, const Options
   return std::abs((det - least) / trace) < margin * s.small_axis;
 }
 
-// An indefinite ellipse whose determinant is within the rounding of its terms: single precision may draw it.
+// Returns whether the determinant of the ellipse is within the rounding of its terms. Single precision may
+// then draw the splat although the ellipse is indefinite.
 bool lost_determinant(const Footprint<double>& f) { return f.in_range && 4 * kHalfUlp * f.amplification > 1; }
 
-// Model, camera and weights moved at random by at most half a unit in the last place, each input by itself.
+// Model, camera and weights, where each input is changed at random by at most half a unit in its last place,
+// independently of the others.
 struct Moved {
   Model model;
   Camera camera;
@@ -235,7 +242,7 @@ Moved moved(const Model& model, const Camera& camera, const std::vector<double>&
   const auto move = [&](double& x, double size) { x += kHalfUlp * size * random.uniform(-1, 1); };
   const std::array<double, 3> centre = camera_centre(camera);
   for (double& x : m.camera.rotation) move(x, std::abs(x));
-  for (int i = 0; i < 3; ++i) {  // turned about its centre
+  for (int i = 0; i < 3; ++i) {  // the rotation changes, but the centre stays the same
     m.camera.translation[i] = 0;
     for (int k = 0; k < 3; ++k) m.camera.translation[i] -= m.camera.rotation[3 * i + k] * centre[k];
   }

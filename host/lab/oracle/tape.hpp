@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small reverse-mode automatic differentiation tape in double, for the oracle only.
-// Formulas are templates over the scalar: `double` gives the value, `Var` records one node per operation
-// (at most two parents and their partial derivatives) and Tape::reverse sweeps them backwards.
-// Branches test value(x), so a derivative is that of the branch which the value takes.
+// Tape is a small tape for reverse-mode automatic differentiation in double precision, only for the oracle.
+// Formulas are templates over the scalar: `double` gives the value, and `Var` records one node per operation
+// (at most two parents and their partial derivatives), which Tape::reverse processes backwards. Branches in a
+// formula test value(x), and the derivative is that of the branch taken.
 #pragma once
 
 #include <algorithm>
@@ -24,13 +24,14 @@ class Tape {
     nodes_.clear();
     adjoints_.clear();
   }
-  void forget_adjoints() { adjoints_.assign(nodes_.size(), 0.0); }  // before another seed of the same nodes
+  // Call this before seeding the same nodes again.
+  void forget_adjoints() { adjoints_.assign(nodes_.size(), 0.0); }
   void seed(std::int32_t node, double adjoint) {
     if (node == kConstant) return;
     adjoints_.resize(nodes_.size(), 0.0);
     adjoints_[node] += adjoint;
   }
-  // Nodes without an adjoint are skipped, so an unused infinite partial never forms 0 * inf.
+  // Nodes whose adjoint is 0 are skipped, so that an unused infinite partial derivative never forms 0 * inf.
   void reverse() {
     adjoints_.resize(nodes_.size(), 0.0);
     for (std::size_t i = nodes_.size(); i-- > 0;) {
@@ -52,10 +53,10 @@ class Tape {
   std::vector<double> adjoints_;
 };
 
-// A number that remembers how it was computed. Without a tape it is a constant.
+// Var is a number that records how it was computed. Without a tape it is a constant.
 class Var {
  public:
-  Var(double constant = 0.0) : value_(constant) {}  // implicit: constants mix freely with variables
+  Var(double constant = 0.0) : value_(constant) {}  // implicit, so that constants and variables can be mixed
   static Var input(Tape& tape, double value) {
     return Var(value, &tape, tape.push(Tape::kConstant, 0, Tape::kConstant, 0));
   }
@@ -106,17 +107,18 @@ inline Var sqrt(const Var& x) {
   return Var::unary(x, root, 0.5 / root);
 }
 
-// One node instead of 1/(1+exp(-x)): the composed form has the partials 0 * inf for x below -709.
+// One node is used instead of 1/(1+exp(-x)), because the composed form has the partial derivatives 0 * inf
+// for x below -709.
 inline double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 inline Var sigmoid(const Var& x) {
   const double s = sigmoid(x.value());
   return Var::unary(x, s, s * (1 - s));
 }
 
-// (1-r)^beta for r in [0,1). Its slope in r diverges at the rim for beta < 1; by convention that slope (not
-// the value, nor the derivative to beta, which is bounded) sees 1-r >= kRimGuard, which plain differentiation
-// would not give. The level is where single precision resolves 1-r to 2%
-// (docs/results/2026-11-20-stability-sweeps.md).
+// Computes (1-r)^beta for r in [0,1). For beta < 1 its slope in r diverges at the rim. By convention, the
+// formula of this slope uses kRimGuard instead of 1-r where 1-r is smaller. Plain differentiation would not
+// do this. The value and the derivative with respect to beta, which is bounded, are not changed. At
+// kRimGuard, single precision resolves 1-r to 2% (docs/results/2026-11-20-stability-sweeps.md).
 inline constexpr double kRimGuard = 1e-5;
 inline double rim_power(double r, double beta) { return std::exp(beta * std::log1p(-r)); }
 inline Var rim_power(const Var& r, const Var& beta) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle's formulas of the variants that replace a part as a whole: rotations (from their definitions,
-// not from closed forms) and spherical harmonics (from their normalisation constants).
+// This file contains the formulas of the oracle for variants that replace a whole part: rotations (from their
+// definitions, not from closed forms) and spherical harmonics (from their normalisation constants).
 #pragma once
 
 #include <array>
@@ -20,7 +20,8 @@ Matrix<S> scaled(Matrix<S> a, const Factor& factor) {
   return a;
 }
 
-// taylor1 I + A, taylor2 I + A + A^2/2, Cayley (I - A)^-1 (I + A), exponential by its power series.
+// Returns the rotation for the skew matrix A: taylor1 is I + A, taylor2 is I + A + A^2/2, cayley is (I -
+// A)^-1 (I + A), and exp is the exponential by its power series.
 template <class S>
 Matrix<S> skew_rotation(const Matrix<S>& a, RotMode mode) {
   const Matrix<S> one = Matrix<S>::identity(3);
@@ -35,8 +36,9 @@ Matrix<S> skew_rotation(const Matrix<S>& a, RotMode mode) {
   return sum;
 }
 
-// w, x, y, z of any length: v -> q v q* / |q|^2, written out. Shorter than 1e-12 it is taken as of that
-// length: R = I + 2 (w [v] + [v]^2) / 1e-24, the identity for zero (a clamp against the division by |q|).
+// Returns the rotation v -> q v q* / |q|^2 for a quaternion w, x, y, z of any length. If it is shorter than
+// 1e-12, it is treated as if |q| were 1e-12: R = I + 2 (w [v] + [v]^2) / 1e-24, which is the identity for
+// zero. This clamp avoids the division by |q|.
 template <class S>
 Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   const S& w = q[0];
@@ -57,8 +59,8 @@ Matrix<S> quaternion_rotation(const std::array<S, 4>& q) {
   return r;
 }
 
-// Real spherical harmonics of a unit vector, m = -l .. l for l = 0, 1, ..., with the Condon-Shortley phase
-// that 3D Gaussian splatting has: the terms of odd m are negative.
+// Returns the real spherical harmonics of a unit vector, with m = -l .. l for l = 0, 1, ... They have the
+// Condon-Shortley phase, as in 3D Gaussian splatting: the terms of odd m are negative.
 template <class S>
 std::vector<S> spherical_harmonics(const std::array<S, 3>& d, int count) {
   const S &x = d[0], &y = d[1], &z = d[2];

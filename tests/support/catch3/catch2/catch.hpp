@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Catch2 3 under the names of Catch2 2, which tests use: Debian 12 has the one, Debian 13 the other.
+// This header provides Catch2 3 under the names of Catch2 2, which the tests use. Debian 12 has Catch2 2, and
+// Debian 13 has Catch2 3.
 #pragma once
 
 #include <catch2/catch_all.hpp>
