@@ -2,29 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains the runs of an experiment with `ubs train` and compares the results with published ones (docs/experiments.md).
 
-An experiment (data_specs/experiments/*.yaml) consists of rows, which are settings with a name, and of scenes of data
-sets (data_specs/sets/*.yaml). Each run is a process of its own: one that crashes or runs out of memory ends alone.
+An experiment (data_specs/experiments/*.yaml) has rows, which are settings with a name, and scenes of data sets
+(data_specs/sets/*.yaml). A run is a row on a scene. This program reads the files, finds the data, lets `ubs` check the
+settings, starts `ubs train` and `ubs eval` for one run after another, and writes the tables after each.
+
+The files of a run are in OUT/runs/ROW.SET.SCENE. This program writes job.json there, which says of what the run is
+made, before the training. At the end of the training `ubs` writes metrics.json and removes checkpoint.ubs.
+
 Requires the executable `ubs` and PyYAML (Debian: python3-yaml). Exit codes are those of `ubs` (README.md).
 """
 import argparse
-import ctypes
+import csv
 import datetime
-import difflib
-import fcntl
-import hashlib
+import functools
+import io
 import json
-import math
 import os
 import pathlib
 import re
 import shlex
 import shutil
 import signal
-import socket
 import subprocess
 import sys
-import tempfile
-from dataclasses import dataclass, field
 
 import yaml
 
@@ -50,19 +50,33 @@ READING = ("layout", "images", "downscale", "test_every", "frames", "cache_folde
 
 
 class Failure(Exception):
-    """An error for the user, with the exit code that `ubs` has for errors of its kind."""
-
-    def __init__(self, code, message):
-        super().__init__(message)
-        self.code = code
+    """An error for the user: its exit code, which is that of `ubs` for errors of its kind, and a message."""
 
 
-def remark(text):
-    print(text, file=sys.stderr, flush=True)
+def need(condition, where, message):
+    """What is wrong in a file is named with its place."""
+    if not condition:
+        raise Failure(DATA, f"{where}: {message}")
+
+
+def now():
+    return datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def to_json(value):
+    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+
+
+def read_json(path):
+    """The content of a file; nothing if it is not there, or damaged."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
+    except (OSError, ValueError):
+        return {}
 
 
 def write(path, text):
-    """Replaces a file atomically: after a crash, or on a full disk, it has the old or the new content."""
+    """Replaces a file as a whole: after a crash, or on a full disk, it has the old or the new content."""
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         with open(temporary, "w", encoding="utf-8", errors="surrogateescape") as file:
@@ -70,153 +84,18 @@ def write(path, text):
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)
-    except OSError:
+    finally:
         temporary.unlink(missing_ok=True)
-        raise
 
 
-def read_json(path):
-    try:
-        return json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
-    except ValueError as error:
-        raise Failure(DATA, f"{path}: not JSON: {error}")
+# The executable
 
 
-def to_json(value):
-    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
-
-
-def hash_of(value):
-    return hashlib.sha256(json.dumps(value).encode()).hexdigest()[:16]
-
-
-def utc_date():
-    return datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def is_inside(path, folder):
-    path, folder = os.path.realpath(path), os.path.realpath(folder)
-    return os.path.commonpath([path, folder]) == folder
-
-
-def lock(folder):
-    """Opens the file that locks the folder, the one of `ubs train`. The lock ends when all processes have closed it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = open(folder / ".ubs-lock", "a")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise Failure(USAGE, f"{folder}: another process is writing there: wait for it, or choose another --out")
-    except OSError:  # a file system without locks
-        pass
-    return file
-
-
-# Processes of ubs
-
-
-class Interrupt:
-    """Notes a request to end, and passes every request on to the running child, which then saves its state."""
-
-    requested = False
-    child = None
-
-    def install(self):
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # which nohup ignores
-                signal.signal(number, self.handle)
-
-    def handle(self, *_):
-        self.requested = True
-        if self.child:
-            self.child.send_signal(signal.SIGINT)
-
-
-interrupt = Interrupt()
-
-
-def start(command, **options):
-    """Starts a child in a session of its own, so that Ctrl-C reaches it through this process alone. The system ends it
-    with SIGTERM when this process is killed."""
-    parent, library = os.getpid(), ctypes.CDLL(None)
-
-    def prepare():
-        library.prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
-        if os.getppid() != parent:
-            os._exit(127)
-
-    try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=prepare,
-                                 **options)
-    except OSError as error:
-        raise Failure(USAGE, f"{command[0]}: cannot be started ({error.strerror}): pass --ubs PATH")
-    interrupt.child = child
-    if interrupt.requested:  # before the line above
-        child.send_signal(signal.SIGINT)
-    return child
-
-
-def reason_of(code, output, more=""):
-    """Why a process ended: its error message, or the signal or exit code and `more`."""
-    if code < 0:
-        return f"ended by signal {-code} ({signal.strsignal(-code)}){more}"
-    errors = re.findall("^ubs: error: (.*)$", output, re.MULTILINE)
-    return f"{errors[-1]} (exit code {code})" if errors else f"exit code {code}{more}"
-
-
-class Ubs:
-    """The executable."""
-
-    def __init__(self, path):
-        self.path, self.answers = path, {}
-        found = re.match(r"ubs (\S+) \(build (\S+)\)", self.run("--version")[1])
-        if not found:
-            raise Failure(USAGE, f"{path}: is not an executable of ubs: pass --ubs PATH")
-        commit = pathlib.Path(os.path.realpath(path) + ".commit")
-        self.version, self.build = found.groups()
-        self.commit = commit.read_text().strip() if commit.exists() else "unknown"
-
-    def run(self, *arguments):
-        child = start([self.path, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8",
-                      errors="surrogateescape")
-        output, errors = child.communicate()
-        interrupt.child = None
-        return child.returncode, output, errors
-
-    def answer(self, *arguments):
-        """The JSON that a command prints. The same question is asked once."""
-        if arguments not in self.answers:
-            self.answers[arguments] = self.run(*arguments)
-        code, output, errors = self.answers[arguments]
-        if code != 0:
-            raise Failure(abs(code), reason_of(code, errors).removesuffix(f" (exit code {code})"))
-        return json.loads(output)
-
-    def settings(self, texts):
-        """All settings of a training that sets these. Raises Failure if a value or combination is not allowed."""
-        return self.answer("train", "--print-settings", "--json", *[f"--set={key}={t}" for key, t in texts.items()])
-
-    def wrong_value(self, texts):
-        """What is wrong with a single key or value, apart from combinations of them; empty if nothing."""
-        try:
-            self.settings(texts)
-        except Failure as error:
-            if str(error).startswith("--set: "):
-                return str(error).removeprefix("--set: ")
-        return ""
-
-    def check(self, texts):
-        """Raises Failure with the place of a wrong setting of a file."""
-        for key in texts if self.wrong_value(texts) else ():
-            if problem := self.wrong_value({key: texts[key]}):
-                raise Failure(DATA, f"{key.place}: {problem}")
-
-    def image_width(self, data, settings):
-        options = [f"--set={key}={setting_text(settings[key])}" for key in READING]
-        for split in self.answer("info", str(data), "--json", *options)["splits"].values():
-            if split["sizes"]:
-                return split["sizes"][0][0]
-        raise Failure(DATA, f"{data}: has no views")
+def why(code, output, log=""):
+    """Why `ubs` failed: its error message, or else how it ended."""
+    if errors := re.findall("^ubs: error: (.*)$", output, re.MULTILINE):
+        return errors[-1]
+    return (f"ended by signal {-code}" if code < 0 else f"exit code {code}") + (log and f"; see {log}")
 
 
 def setting_text(value):
@@ -225,771 +104,572 @@ def setting_text(value):
     return value if isinstance(value, str) else json.dumps(value).removesuffix(".0")
 
 
-def settings_file(settings):
-    return "".join(f"{key}: {json.dumps(value)}\n" for key, value in settings.items())
+def set_options(settings):
+    return [f"--set={key}={setting_text(value)}" for key, value in settings.items()]
 
 
-# Files of experiments and data sets
-
-
-class Text(str):
-    """A key or value of a YAML file, as it is written there, with its place: file:line:column."""
-
-    place = ""
-
-
-# What a text must match, and how a message says so.
-ANY = ("(?s:.+)", "must not be empty")
-NAME = ("[A-Za-z0-9_-]{1,64}", "must be of letters, digits, _ and - (it names folders)")
-WIDTH = ("[1-9][0-9]{0,4}", "is not allowed: expected a width in pixels")
-COLUMN = ("|".join(METRICS), f"must be one of {', '.join(METRICS)}")
-NUMBER = (r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?", "must be a number or null")
-SETTING = ("(?s:.*)", "")
-SETTINGS = {ANY: SETTING}
-DATA_SET = {"name!": NAME, "title": ANY, "folders": [ANY], "width": WIDTH, "settings": SETTINGS,
-            "dataset!": {"source!": ANY, "licence!": ANY, "layout!": ANY, "split!": ANY, "resolution!": ANY,
-                         "background!": ANY, "notes": ANY},
-            "scenes!": {NAME: {"title": ANY, "folders": [ANY], "width": WIDTH, "settings": SETTINGS}}}
-EXPERIMENT = {"name!": NAME, "title": ANY, "notes": ANY, "settings": SETTINGS,
-              "published": {"source!": ANY, "columns!": [COLUMN]},
-              "data!": [{"set!": ANY, "scenes": [ANY], "settings": SETTINGS}],
-              "rows!": [{"name!": NAME, "label": ANY, "settings": SETTINGS, "published": {ANY: {ANY: [NUMBER]}}}]}
-
-
-def read_yaml(path, schema):
-    """Reads a file strictly; every error names the place. A schema is a mapping of keys to schemas, with "!" after
-    required keys, or of a pattern that all keys match; or a list of one schema; or a pattern."""
-    def fail(mark, message):
-        raise Failure(DATA, f"{path}:{mark.line + 1}:{mark.column + 1}: {message}" if mark else f"{path}: {message}")
-
-    def text(node, pattern, what):
-        if not isinstance(node, yaml.ScalarNode):
-            fail(node.start_mark, f"{what} must be plain text")
-        if not re.fullmatch(pattern[0], node.value) or re.search("[\0\ud800-\udfff]", node.value):
-            fail(node.start_mark, f"{what} '{node.value}' {pattern[1] or 'is not text'}")
-        found = Text(node.value)
-        found.place = f"{path}:{node.start_mark.line + 1}:{node.start_mark.column + 1}"
-        return found
-
-    def mapping(node, schema, what):
-        if not isinstance(node, yaml.MappingNode):
-            fail(node.start_mark, f"{what} must be a mapping of keys to values")
-        found, pattern = {}, next((key for key in schema if isinstance(key, tuple)), ANY)
-        known = [key.removesuffix("!") for key in schema if isinstance(key, str)]
-        for key_node, value in node.value:
-            key = text(key_node, pattern, "the name")
-            part = schema.get(key) or schema.get(key + "!") or schema.get(pattern)
-            if key in found:
-                fail(key_node.start_mark, f"key '{key}' appears twice")
-            if part is None:
-                near = difflib.get_close_matches(key, known, 1)
-                fail(key_node.start_mark, f"unknown key '{key}' in {what}; "
-                     + (f"did you mean '{near[0]}'?" if near else f"there are: {', '.join(known)}"))
-            found[key] = convert(value, part, key)
-        for key in schema:
-            if key[-1] == "!" and key[:-1] not in found:
-                fail(node.start_mark, f"{what} needs the key '{key[:-1]}'")
-        return found
-
-    def convert(node, schema, what):
-        null = node.tag == "tag:yaml.org,2002:null"
-        if isinstance(schema, dict):
-            optional = not any(key[-1] == "!" for key in schema)
-            return {} if null and optional else mapping(node, schema, what)
-        if isinstance(schema, list):
-            if not isinstance(node, yaml.SequenceNode) or not node.value:
-                fail(node.start_mark, f"{what} must be a list with at least one entry")
-            return [convert(item, schema[0], f"an entry of {what}") for item in node.value]
-        if schema is SETTING and isinstance(node, yaml.SequenceNode):
-            return ",".join(text(item, SETTING, what) for item in node.value)
-        if null and schema is not NUMBER:
-            fail(node.start_mark, f"{what} must not be empty")
-        return None if null else text(node, schema, what)
-
+@functools.cache
+def ask(ubs, *arguments):
+    """What the executable prints."""
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-        if root is None:
-            fail(None, "the file is empty")
-        return mapping(root, schema, "the file")
-    except OSError as error:
-        raise Failure(DATA, f"{path}: {(error.strerror or str(error)).lower()}")
-    except yaml.YAMLError as error:
-        fail(getattr(error, "problem_mark", None), f"malformed YAML: {getattr(error, 'problem', None) or error}")
-    except (UnicodeDecodeError, RecursionError) as error:
-        fail(None, f"malformed YAML: {error}")
+        done = subprocess.run([ubs, *arguments], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
+                              errors="surrogateescape", check=False)
+    except (OSError, ValueError) as error:
+        raise Failure(USAGE, f"{ubs}: cannot be started ({error}): pass --ubs PATH") from error
+    if done.returncode != 0:
+        raise Failure(max(done.returncode, INTERNAL), why(done.returncode, done.stderr, f"{ubs} {arguments[0]}"))
+    return done.stdout
 
 
-def load_set(path, ubs):
-    found = {"folders": [], "width": None, "settings": {}, **read_yaml(path, DATA_SET)}
-    found.setdefault("title", found["name"])
-    found["folders"] = list(dict.fromkeys([found["name"], *found["folders"]]))
-    ubs.check(found["settings"])
-    for key, scene in found["scenes"].items():
-        scene = found["scenes"][key] = {"title": key, "folders": [], "width": found["width"], "settings": {}, **scene}
-        scene["folders"] = list(dict.fromkeys([key, *scene["folders"]]))
-        ubs.check(scene["settings"])
-    if not found["scenes"]:
-        raise Failure(DATA, f"{path}: there are no scenes")
+def all_settings(ubs, given):
+    """All settings of a training for which these are given."""
+    return json.loads(ask(ubs, "train", "--print-settings", "--json", *set_options(given)))
+
+
+def image_width(ubs, data, settings):
+    options = set_options({key: settings[key] for key in READING})
+    splits = json.loads(ask(ubs, "info", str(data), "--json", *options))["splits"].values()
+    return next((split["sizes"][0][0] for split in splits if split["sizes"]), 0)
+
+
+def version_of(ubs):
+    found = re.match(r"ubs (\S+) \(build (\S+)\)", ask(ubs, "--version"))
+    if not found:
+        raise Failure(USAGE, f"{ubs}: is not the executable ubs: pass --ubs PATH")
+    file = pathlib.Path(os.path.realpath(ubs) + ".commit")
+    commit = file.read_text().strip() if file.exists() else "unknown"
+    return {"version": found[1], "build": found[2], "commit": commit}
+
+
+class Child:
+    """The running training or measurement. A request to end is passed on to it: a training then saves its state."""
+
+    process, stopped = None, False
+
+    def stop(self, *_):
+        self.stopped = True
+        if self.process:
+            self.process.send_signal(signal.SIGINT)
+
+    def run(self, command, log):
+        """Runs a command with its output in `log`; returns the exit code and the output. Ctrl-C reaches the command
+        through `stop` alone, because it is in a session of its own."""
+        command = list(map(str, command))
+        with open(log, "w", encoding="utf-8", errors="surrogateescape") as file:
+            print("$", shlex.join(command), file=file, flush=True)
+            self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file,
+                                            start_new_session=True)
+        if self.stopped:  # before there was a process
+            self.stop()
+        code, self.process = self.process.wait(), None
+        return code, log.read_text(encoding="utf-8", errors="surrogateescape")
+
+
+child = Child()
+
+
+# Files of experiments and data sets. A schema is a pattern that a text must match; [A], a list of A; a mapping of
+# patterns of keys to schemas, with "!" after keys that must be there; or ANY, for settings, which `ubs` checks.
+
+ANY = object()
+TEXT = r"[^\0\ud800-\udfff]+"
+NAME, WIDTH = "[A-Za-z0-9_-]{1,64}", "[1-9][0-9]{0,4}"  # names become those of folders
+NUMBER = r"null|[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?"
+SCENE = {"title": TEXT, "folders": [TEXT], "width": WIDTH, "settings": {TEXT: ANY}}
+DATA_SET = {"name!": NAME, **SCENE, "dataset!": {TEXT: TEXT}, "scenes!": {NAME: SCENE}}
+EXPERIMENT = {"name!": NAME, "title": TEXT, "notes": TEXT, "settings": {TEXT: ANY},
+              "published": {"source!": TEXT, "columns!": ["|".join(METRICS)]},
+              "data!": [{"set!": TEXT, "scenes": [NAME], "settings": {TEXT: ANY}}],
+              "rows!": [{"name!": NAME, "label": TEXT, "settings": {TEXT: ANY}, "published": {NAME: {NAME: [NUMBER]}}}]}
+
+
+class Loader(yaml.BaseLoader):
+    """Reads every value as the text that is written. Refuses keys that appear twice: PyYAML would take the last one."""
+
+    def construct_mapping(self, node, deep=False):
+        mapping = super().construct_mapping(node, deep)
+        if len(mapping) < len(node.value):
+            raise yaml.MarkedYAMLError(problem="a key appears twice in the mapping", problem_mark=node.start_mark)
+        return mapping
+
+
+def checked(value, schema, where):
+    """The value, if it fits the schema. What is left empty is an empty mapping."""
+    if schema is ANY:
+        return value
+    if isinstance(schema, str):
+        need(isinstance(value, str) and re.fullmatch(schema, value), where,
+             f"{value!r} is not allowed: expected {'a text' if schema is TEXT else schema}")
+        return value
+    if isinstance(schema, list):
+        need(value and isinstance(value, list), where, "must be a list with at least one entry")
+        return [checked(item, schema[0], f"{where}[{i}]") for i, item in enumerate(value)]
+    need(not value or isinstance(value, dict), where, "must be a mapping of keys to values")
+    keys, found = [key.removesuffix("!") for key in schema], {}
+    for key, item in (value or {}).items():
+        part = next((part for pattern, part in zip(keys, schema.values()) if re.fullmatch(pattern, key)), None)
+        need(part, where, f"unknown key {key!r}: expected {', '.join(keys)}")
+        found[key] = checked(item, part, f"{where}: {key}")
+    for key in schema:
+        need(key[-1] != "!" or key[:-1] in found, where, f"the key '{key[:-1]}' is missing")
     return found
 
 
-def load_experiment(path, ubs):
-    """An experiment, with its data sets by name in "sets" and published values of rows by "set/scene" and metric."""
-    def fail(key, message):
-        raise Failure(DATA, f"{key.place}: {message}")
+def read_yaml(path, schema):
+    try:
+        with open(path, encoding="utf-8") as file:
+            return checked(yaml.load(file, Loader), schema, path)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise Failure(DATA, f"{path}: malformed YAML: {error}") from error
 
-    spec = {"settings": {}, "notes": "", "published": {"source": "", "columns": []}, "sets": {},
-            **read_yaml(path, EXPERIMENT)}
-    spec.setdefault("title", spec["name"])
-    ubs.check(spec["settings"])
-    for entry in spec["data"]:
-        found = load_set(path.parent / entry["set"], ubs)
-        if found["name"] in spec["sets"]:
-            fail(entry["set"], f"there are two entries for data set '{found['name']}'")
-        for key in (wanted := entry.get("scenes", list(found["scenes"]))):
-            if key not in found["scenes"]:
-                fail(key, f"data set '{found['name']}' has no scene '{key}'")
-        found["scenes"] = {key: scene for key, scene in found["scenes"].items() if key in wanted}
-        found["settings_here"] = entry.get("settings", {})
-        ubs.check(found["settings_here"])
-        spec["sets"][found["name"]] = found
-    columns = spec["published"]["columns"]
-    if len(set(columns)) < len(columns):
-        fail(columns[0], f"a column appears twice: {', '.join(columns)}")
-    for row in spec["rows"]:
-        row.setdefault("label", row["name"])
-        ubs.check(row.setdefault("settings", {}))
-        if [other["name"] for other in spec["rows"]].count(row["name"]) > 1:
-            fail(row["name"], f"there are two rows '{row['name']}'")
-        by_set, row["published"] = row.get("published", {}), {}
-        for data, scene, values in [(data, *item) for data, scenes in by_set.items() for item in scenes.items()]:
-            if data not in spec["sets"]:
-                fail(data, f"'{data}' is no data set of this experiment")
-            if scene != AVERAGE and scene not in spec["sets"][data]["scenes"]:
-                fail(scene, f"'{scene}' is no scene of '{data}' in this experiment")
-            if len(values) != len(columns):
-                fail(scene, f"'{scene}' needs one value, or null, for each of the columns of 'published' "
-                     f"({', '.join(columns) or 'which is missing'})")
+
+def load_experiment(path):
+    """An experiment, with its data sets by name in "sets" and published values of rows by "set/scene" and metric."""
+    spec = {"published": {"source": "", "columns": []}, "sets": {}, **read_yaml(path, EXPERIMENT)}
+    for i, entry in enumerate(spec["data"]):
+        data, where = read_yaml(path.parent / entry["set"], DATA_SET), f"{path}: data[{i}]"
+        need(data["name"] not in spec["sets"], where, f"data set '{data['name']}' is there already")
+        need(data["scenes"], where, f"data set '{data['name']}' has no scenes")
+        chosen = entry.get("scenes", data["scenes"])
+        for scene in chosen:
+            need(scene in data["scenes"], where, f"data set '{data['name']}' has no scene '{scene}'")
+        data["scenes"] = {scene: about for scene, about in data["scenes"].items() if scene in chosen}
+        spec["sets"][data["name"]] = data | {"entry": entry}
+    names, columns = [row["name"] for row in spec["rows"]], spec["published"]["columns"]
+    need(len(set(columns)) == len(columns), f"{path}: published: columns", "one is there twice")
+    for i, row in enumerate(spec["rows"]):
+        need(names.count(row["name"]) == 1, f"{path}: rows[{i}]", f"there are two rows '{row['name']}'")
+        published, row["published"] = row.get("published", {}), {}
+        for data, scene, values in [(data, *item) for data, scenes in published.items() for item in scenes.items()]:
+            where = f"{path}: rows[{i}]: published: {data}: {scene}"
+            need(data in spec["sets"] and scene in [AVERAGE, *spec["sets"][data]["scenes"]], where,
+                 "is no scene of this experiment")
+            need(len(values) == len(columns), where, "needs a value, or null, for each of the columns of 'published' "
+                 f"({', '.join(columns) or 'which is missing'})")
             row["published"][f"{data}/{scene}"] = {key: float(value) for key, value in sorted(zip(columns, values))
-                                                   if value is not None}
+                                                   if value != "null"}
     return spec
 
 
 # From an experiment to a list of runs
 
 
-@dataclass
-class Job:
-    row: dict
-    set: dict
-    scene: str
-    data: pathlib.Path | None = None  # None: not found
-    looked_for: str = ""
-    problem: str = ""  # why it cannot run: settings that do not fit, unusable data
-    code: int = 0  # the exit code of that
-    width: int | None = None  # of the images as they are used
-    published: dict = field(default_factory=dict)  # settings
-    settings: dict = field(default_factory=dict)
+class Run:
+    """A row on a scene. In tables, the mean over the scenes of a row is a run, too, with the scene AVERAGE."""
 
-    @property
-    def place(self):
-        return f"{self.set['name']}/{self.scene}"
+    def __init__(self, row, data_set, scene):
+        self.row, self.set, self.scene = row, data_set, scene
+        self.about = data_set["scenes"].get(scene, {})
+        self.place = f"{data_set['name']}/{scene}"
+        self.id = f"{row['name']}/{self.place}"
+        self.data = self.folder = None  # where they are; the data perhaps nowhere
+        self.published, self.settings = {}, {}  # settings as published, and of this run
+        self.published_width = int(self.about.get("width", data_set.get("width", 0)))
+        self.width = 0  # of the images as they are used
+        self.identity = {}  # what decides the result, on one device and build
+        self.end("not run")  # or done, no data, failed, interrupted
+        self.values, self.paper = {}, {}  # ours and the published ones by metric
+        self.lacks = {}  # by metric, why a finished run was not measured for it
+        self.record = {}  # job.json, and the build and the device of metrics.json
+        self.present = 0  # of a mean, the number of finished runs
 
-    @property
-    def id(self):
-        return f"{self.row['name']}/{self.place}"
-
-    @property
-    def published_width(self):
-        text = self.set["scenes"][self.scene]["width"]
-        return text and int(text)
-
-    @property
-    def runnable(self):
-        return self.data is not None and not self.problem
-
-    def deciding(self):
-        return {key: value for key, value in self.settings.items() if key not in WITHOUT_EFFECT}
+    def end(self, state, reason="", code=0):
+        """Sets the state, why it is so, and the exit code of a failed run."""
+        self.state, self.reason, self.code = state, reason, code
 
     def changes(self):
-        """Settings that are not the published ones."""
-        return [f"{key} {setting_text(self.published[key])} -> {setting_text(value)}"
-                for key, value in self.deciding().items() if value != self.published[key]]
+        """What is not as published."""
+        found = [f"{key} {setting_text(self.published[key])} -> {setting_text(value)}"
+                 for key, value in deciding(self.settings).items() if value != self.published[key]]
+        if self.width and self.published_width not in (0, self.width):
+            found.insert(0, f"images {self.width} px wide (published: about {self.published_width})")
+        return found
+
+    def difference(self, key):
+        return self.values[key] - self.paper[key] if key in self.values and key in self.paper else None
 
 
-def resolve_scene(scene, option, known):
-    """"set/scene" for what the user wrote, which may be the name of the scene alone if only one data set has it."""
-    found = [place for place in known if scene in (place, place.split("/")[1])]
-    if len(found) > 1:
-        raise Failure(USAGE, f"{option}: scene '{scene}' is in several data sets: write one of {', '.join(found)}")
-    if not found:
-        raise Failure(USAGE, f"{option}: the experiment has no scene '{scene}'; there are: {', '.join(known)}")
-    return found[0]
+def deciding(settings):
+    return {key: value for key, value in settings.items() if key not in WITHOUT_EFFECT}
 
 
-def find_data(job, root, unique, given):
-    """ROOT/SET/SCENE, then ROOT/SCENE if the name is unique; or a packed file of that name with the suffix .ubsd."""
-    sets, scenes = job.set["folders"], job.set["scenes"][job.scene]["folders"]
-    places = [root / folder / scene for folder in sets for scene in scenes]
+def find_data(run, root, unique):
+    """ROOT/SET/SCENE, or ROOT/SCENE if no other data set has a scene of that name; each may be a packed file."""
+    scenes = [run.scene, *run.about.get("folders", [])]
+    places = [root / folder / scene for folder in [run.set["name"], *run.set.get("folders", [])] for scene in scenes]
     places += [root / scene for scene in scenes] if unique else []
-    places = [place for path in places for place in (path, pathlib.Path(f"{path}.ubsd"))]
-    job.looked_for = f"{root}/{'[' if unique else ''}{'|'.join(sets)}/{']' if unique else ''}{'|'.join(scenes)}"
-    if given:
-        places, job.looked_for = [root / given], str(root / given)
-    job.data = next((place for place in places if place.exists()), None)
+    files = [file for place in places for file in (place, pathlib.Path(f"{place}.ubsd"))]
+    return next((file for file in files if file.exists()), None)
 
 
-def scaled_down(job, k, ubs):
+def scaled_down(ubs, run, k):
     """Images / K, iterations / K, and splats / K^2, so that the splats per pixel stay. Images that are smaller than
     published already are reduced by less, and never enlarged."""
-    def divided(key, divisor):
-        return max(1, math.floor(job.published[key] / divisor + 0.5))
+    def rounded(number):
+        return max(1, int(number + 0.5))
 
-    scaled = {"cap_max": divided("cap_max", k * k), "iterations": divided("iterations", k)}
-    if job.published["init_points"] != "auto":
-        scaled["init_points"] = divided("init_points", k * k)
-    if job.data:
-        factor = job.published["downscale"] * k
-        if job.published_width:
-            full = ubs.image_width(job.data, {**job.published, "downscale": 1})
-            factor = math.floor(full * k / job.published_width + 0.5)
-        scaled["downscale"] = min(max(factor, 1), 64)
+    published = run.published
+    scaled = {"cap_max": rounded(published["cap_max"] / k**2), "iterations": rounded(published["iterations"] / k)}
+    if published["init_points"] != "auto":
+        scaled["init_points"] = rounded(published["init_points"] / k**2)
+    if run.data:
+        full = image_width(ubs, run.data, {**published, "downscale": 1}) if run.published_width else 0
+        factor = full / run.published_width if full else published["downscale"]
+        scaled["downscale"] = min(rounded(factor * k), 64)
     return scaled
 
 
-def prepare(job, spec, options, named, ubs):
-    """Fills in the settings and the image width of a job, or why it cannot run."""
-    texts = {**job.set["settings"], **job.set["scenes"][job.scene]["settings"], **spec["settings"],
-             **job.set["settings_here"], **job.row["settings"]}
-    try:
-        job.published = ubs.settings(texts)
-        scaled = scaled_down(job, options.scale_down, ubs) if options.scale_down > 1 else {}
-        job.settings = ubs.settings({**texts, **scaled, **options.set})
-        if job.data and not named and not job.settings["allow_outside"] and not is_inside(job.data, options.root):
-            raise Failure(DATA, f"{job.data}: is {os.path.realpath(job.data)}, outside of the data folder "
-                          f"{options.root}; --set allow_outside=true reads it all the same")
-        job.width = ubs.image_width(job.data, job.settings) if job.data else None
-    except Failure as error:
-        job.problem, job.code = str(error), error.code
-
-
-def make_plan(spec, options, ubs):
-    """In the order of the file: rows, then data sets, then scenes."""
-    names = [row["name"] for row in spec["rows"]]
-    for row in options.rows or ():
-        if row not in names:
-            raise Failure(USAGE, f"--rows: the experiment has no row '{row}'; there are: {', '.join(names)}")
+def make_plan(spec, options):
+    """The runs that the options choose, in the order of the file: rows, then data sets, then scenes."""
+    ubs, rows = options.ubs, [row["name"] for row in spec["rows"]]
+    places = [f"{data}/{scene}" for data, found in spec["sets"].items() for scene in found["scenes"]]
+    short = [place.split("/")[1] for place in places]
+    place_of = {name: place for name, place in zip(short, places) if short.count(name) == 1} | dict(zip(places, places))
+    for option, given, known in (("--rows", options.rows, rows), ("--scenes", options.scenes, place_of),
+                                 ("--scene-folder", options.scene_folder, place_of)):
+        if unknown := [name for name in given if name not in known]:
+            raise Failure(USAGE, f"{option}: unknown name '{unknown[0]}'; there are: {', '.join(known)}")
     if not options.root.is_dir():
         raise Failure(DATA, f"{options.root}: no such folder; --root names the one that holds the data sets")
-    if problem := ubs.wrong_value(options.set):
-        raise Failure(USAGE, f"--set: {problem}")
-    known = [f"{data}/{scene}" for data, found in spec["sets"].items() for scene in found["scenes"]]
-    wanted = [resolve_scene(scene, "--scenes", known) for scene in options.scenes or known]
-    folders = {resolve_scene(scene, "--scene-folder", known): path for scene, path in options.scene_folder.items()}
-    jobs = [Job(row, data, scene) for row in spec["rows"] if not options.rows or row["name"] in options.rows
-            for data in spec["sets"].values() for scene in data["scenes"]]
-    jobs = [job for job in jobs if job.place in wanted]
-    for job in jobs:
-        unique = sum(place.endswith("/" + job.scene) for place in known) == 1
-        find_data(job, options.root, unique, folders.get(job.place))
-        prepare(job, spec, options, job.place in folders, ubs)
-    return jobs
+    chosen = [place_of[name] for name in options.scenes] or places
+    folders = {place_of[name]: options.root / path for name, path in options.scene_folder.items()}
+    runs = [Run(row, data, scene) for row in spec["rows"] if row["name"] in (options.rows or rows)
+            for data in spec["sets"].values() for scene in data["scenes"] if f"{data['name']}/{scene}" in chosen]
+    for run in runs:
+        run.folder = options.out / "runs" / run.id.replace("/", ".")
+        run.paper = run.row["published"].get(run.place, {})
+        run.data = find_data(run, options.root, run.scene in place_of)
+        if given := folders.get(run.place):
+            run.data = given if given.exists() else None
+        texts = {}
+        for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones win
+            texts |= part.get("settings", {})
+        try:
+            run.published = all_settings(ubs, texts)
+            scaled = scaled_down(ubs, run, options.scale_down) if options.scale_down > 1 else {}
+            run.settings = all_settings(ubs, {**texts, **scaled, **options.set})
+            run.width = image_width(ubs, run.data, run.settings) if run.data else 0
+        except Failure as error:
+            code, message = error.args
+            if message.startswith("--set: "):  # a wrong key or value: of --set, if those of the files are right
+                raise error if run.published else Failure(DATA, f"{options.spec}: {run.id}: settings: {message[7:]}")
+            run.end("failed", message, code)  # settings that do not fit together, or unusable data
+        if not run.data:
+            run.end("no data", f"there is no {given}" if given else
+                    f"there is neither {options.root / run.place} nor a folder of its other names")
+        run.identity = {"data": os.path.realpath(run.data or ""), "arguments": options.train_argument,
+                        "settings": deciding(run.settings)}
+    return runs
 
 
 # Running
 
 
-@dataclass
-class Result:
-    state: str = "not run"  # or done, no data, failed, interrupted
-    reason: str = ""  # of states other than done, or what a measurement lacks
-    values: dict = field(default_factory=dict)  # by metric
-    record: dict = field(default_factory=dict)  # job.json
-    lacks: dict = field(default_factory=dict)  # by metric: why a finished run was not measured for it
-    code: int = 0  # of a failed run
-
-    def text(self):
-        if self.state != "done":
-            return f"{self.state}: {self.reason}"
-        return ", ".join(f"{heading} {self.values[key]:.{decimals}f}" for key, (heading, _, decimals, _)
-                         in METRICS.items() if key in self.values)
-
-
-def read_metrics(folder):
-    """The measurements of a finished run. Raises Failure if it did not finish, or was measured before its end."""
-    path = folder / "metrics.json"
-    files = {"metrics": read_json(path)}
-    files["eval"] = read_json(folder / "eval.json") if (folder / "eval.json").exists() else {}
-
-    def at(*keys):
-        found = files
-        for key in keys:
-            found = found.get(key) if isinstance(found, dict) else None
-        return float(found) if isinstance(found, (int, float)) and math.isfinite(found) else None
-
-    last, tested = at("metrics", "iterations"), at("metrics", "test", "iteration")
-    if last is None or last != at("metrics", "settings", "iterations") or files["metrics"].get("interrupted", True):
-        raise Failure(DATA, f"{path}: the run was interrupted, or did not reach its last iteration")
-    if files["metrics"].get("test") and tested != last:
-        raise Failure(DATA, f"{path}: the measurement is not that of the last iteration")
-    model = folder / "model.ply"
-    values = {key: at("metrics", "test", "mean", key) for key in ("psnr", "psnr_joint", "ssim")}
-    lpips, peak = at("metrics", "test", "mean", "lpips_vgg_unit"), at("metrics", "peak_device_bytes")
-    values |= {"lpips": at("eval", "mean", "lpips_vgg_unit") if lpips is None else lpips,
-               "fps": at("eval", "frames", "fps_wall"), "minutes": (at("metrics", "seconds") or 0) / 60,
-               "splats": at("metrics", "splats"), "iterations": last,
-               "peak_device_mib": None if peak is None else peak / 2**20,
-               "mib": model.stat().st_size / 2**20 if model.exists() else None}
-    return dict(sorted((key, value) for key, value in values.items() if value is not None))
+def load(run):
+    """Takes over what a training of the same settings, data and arguments has left, if it finished."""
+    metrics, evaluation, record = (read_json(run.folder / name) for name in ("metrics.json", "eval.json", "job.json"))
+    last, test, model = metrics.get("iterations"), metrics.get("test") or {}, run.folder / "model.ply"
+    if (record.get("identity") != run.identity or (run.folder / "checkpoint.ubs").exists()
+            or metrics.get("interrupted", True) or last != metrics["settings"]["iterations"]
+            or test.get("iteration", last) != last):  # measured before the last iteration
+        return
+    mean = {"lpips_vgg_unit": evaluation.get("mean", {}).get("lpips_vgg_unit"), **test.get("mean", {})}
+    values = {"psnr": mean.get("psnr"), "psnr_joint": mean.get("psnr_joint"), "ssim": mean.get("ssim"),
+              "lpips": mean["lpips_vgg_unit"], "fps": evaluation.get("frames", {}).get("fps_wall"),
+              "minutes": metrics["seconds"] / 60, "splats": metrics["splats"], "iterations": last,
+              "peak_device_mib": metrics["peak_device_bytes"] / 2**20 if "peak_device_bytes" in metrics else None,
+              "mib": model.stat().st_size / 2**20 if model.exists() else None}
+    run.values = {key: float(value) for key, value in sorted(values.items()) if value is not None}
+    run.record = record | {key: metrics[key] for key in ("version", "build", "device", "data_report") if key in metrics}
+    run.end("done", "" if "psnr" in run.values else "the data have no test views with images: not measured")
 
 
-class Runner:
-    """Runs the jobs one after another. The results of a job are in a folder of OUT/runs. job.json is written when all
-    of them are there, and removed before any of them is replaced: a folder that has it is complete."""
-
-    def __init__(self, options, jobs, out, ubs):
-        self.options, self.jobs, self.out, self.ubs = options, jobs, out, ubs
-        self.weights, self.why_no_lpips = None, ""
-        self.locks = []  # which children hold too
-        self.resume = options.resume or options.emit_tasks or bool(options.task)
-        self.device = ["--device", options.device] if options.device else []
-
-    def folder(self, job):
-        return self.out / "runs" / job.id.replace("/", ".")
-
-    def identity(self, job):
-        """What decides the result, on one device and build."""
-        return {"data": os.path.realpath(job.data), "arguments": self.options.train_argument,
-                "settings": job.deciding()}
-
-    def key(self, job):
-        """As far as it can be known without reading images, and on a machine without the device."""
-        device = self.options.device or os.environ.get("UBS_DEVICE", "")
-        return hash_of({"identity": self.identity(job), "build": self.ubs.build, "device": device})
-
-    def known_before(self, job):
-        """The result of a job that cannot run, or of its complete earlier run; and why that one must be repeated."""
-        folder = self.folder(job)
-        if job.data is None:
-            return Result("no data", f"looked for {job.looked_for}"), ""
-        if job.problem:
-            return Result("failed", job.problem, code=job.code), ""
-        if not self.resume or not (folder / "job.yaml").exists():
-            return Result(), ""
-        if not (folder / "job.json").exists():
-            return Result(), "; an earlier run did not end"
-        try:
-            result = Result("done", "", read_metrics(folder), read_json(folder / "job.json"))
-        except Failure as error:
-            return Result(), f"; {error}"
-        if result.record.get("identity") != self.identity(job):
-            return Result(), "; settings or data changed"
-        if (self.options.task or self.options.emit_tasks) and result.record.get("key") != self.key(job):
-            return Result(), "; another build or device"
-        return result, ""
-
-    def run_logged(self, arguments, log):
-        """Runs ubs with its output in `log`; returns the exit code and the output."""
-        command = [self.ubs.path, *arguments]
-        write(log, f"$ {shlex.join(command)}\n")
-        with open(log, "a") as file:
-            child = start(command, pass_fds=[lock.fileno() for lock in self.locks], stdout=file, stderr=file)
-        code = child.wait()
-        interrupt.child = None
-        return code, log.read_text(errors="replace")
-
-    def train(self, job, resume):
-        folder, identity, begun = self.folder(job), self.identity(job), utc_date()
-        lock(folder).close()  # its training may still run although the driver that started it was killed
-        settings = f"# run {hash_of(identity)}\n{settings_file(job.settings)}"
-        spec, log = folder / "job.yaml", folder / "train.log"
-        goes_on = resume and (folder / "checkpoint.ubs").exists() and spec.exists() and spec.read_text() == settings
-        if goes_on:
-            arguments = ["--resume", str(folder)]
-        else:
-            for file in ("job.json", "eval.json", "measure.log"):
-                (folder / file).unlink(missing_ok=True)
-            write(spec, settings)
-            arguments = ["--out", str(folder), "--spec", str(spec), "--overwrite"]
-        arguments = ["train", "--data", str(job.data), *arguments, *self.device, *self.options.train_argument]
-        code, output = self.run_logged(arguments, log)
-        if code == INTERRUPTED or interrupt.requested and -code in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            # A request after the last step leaves a complete run.
-            if not (folder / "metrics.json").exists() or (folder / "checkpoint.ubs").exists():
-                return Result("interrupted", f"what it had is in {folder}")
-        elif code != 0:
-            reason = reason_of(code, output, f"; see {log}")
-            # A damaged checkpoint, or one of another version, device or data, cannot be continued. After other errors,
-            # such as a full disk, it can.
-            if goes_on and ("/checkpoint.ubs: " in reason or "the run was started" in reason):
-                return self.train(job, False)
-            return Result("failed", reason, code=code if code > 0 else INTERNAL)
-        result, metrics = Result("done", "", read_metrics(folder)), read_json(folder / "metrics.json")
-        if "psnr" not in result.values:
-            result.reason = "the data have no test views with images: not measured"
-        result.record = {"hash": hash_of(identity), "identity": identity}
-        result.record |= {key: metrics[key] for key in ("version", "build", "device", "data_report") if key in metrics}
-        result.record |= {"commit": self.ubs.commit, "command": shlex.join(sys.orig_argv), "host": socket.gethostname(),
-                          "begun": begun, "ended": utc_date(), "key": self.key(job)}
-        write(folder / "job.json", to_json(result.record))
-        return result
-
-    def evaluate(self, job, folder, lpips):
-        """Measures the frame rate, and LPIPS if wanted, with `ubs eval`; returns why that failed."""
-        log = folder / "measure.log"
-        arguments = ["eval", "--model", str(folder / "model.ply"), "--data", str(job.data), "--out",
-                     str(folder / "eval.json"), "--spec", str(folder / "config.yaml"), "--fps-views",
-                     str(self.options.fps_views), "--overwrite", *self.device]
-        if lpips:
-            arguments += ["--lpips", "vgg", "--lpips-range", "unit", "--lpips-weights", str(self.weights)]
-        code, output = self.run_logged(arguments, log)
-        if code != 0 and interrupt.requested:
-            return "interrupted; --resume measures it"
-        return reason_of(code, output, f"; see {log}") if code != 0 else ""
-
-    def measure(self, job, result):
-        """Adds what training does not measure. If that fails, the run stays without it."""
-        if "psnr" not in result.values:  # no test images
-            return
-        folder, why = self.folder(job), {"fps": "not asked for (--fps-views 0)", "lpips": self.why_no_lpips}
-        wanted = [key for key, asked in (("fps", self.options.fps_views), ("lpips", self.weights))
-                  if asked and key not in result.values]
-        if wanted:
-            why |= dict.fromkeys(wanted, self.evaluate(job, folder, "lpips" in wanted))
-            if len(wanted) == 2 and why["fps"] and not interrupt.requested:  # images or a device too small for LPIPS
-                why["fps"] = self.evaluate(job, folder, False)
-            result.values = read_metrics(folder)
-        result.lacks = {key: reason for key, reason in why.items() if key not in result.values}
-
-    def run(self, on_progress):
-        """The results of the jobs, in their order. A run that fails is a result like others."""
-        def say(job, text):
-            if not self.options.quiet:
-                remark(f"[{self.jobs.index(job) + 1}/{len(self.jobs)}] {job.id}: {text}")
-
-        before = [self.known_before(job) for job in self.jobs]
-        results = [result for result, _ in before]
-        for job, result in zip(self.jobs, results):
-            if result.state != "not run":
-                say(job, ("kept: " if result.state == "done" else "") + result.text())
-        for i, (job, (result, why_not)) in enumerate(zip(self.jobs, before)):
-            kept, known = result.state == "done", len(result.values)
-            if interrupt.requested or result.state not in ("done", "not run"):
-                continue
-            try:
-                if not kept:
-                    say(job, f"training on {job.data}, log {self.folder(job) / 'train.log'}" + why_not)
-                    results[i] = result = self.train(job, self.resume)
-                if result.state == "done":
-                    self.measure(job, result)
-            except (Failure, OSError) as error:
-                results[i] = result = Result("failed", str(error), code=getattr(error, "code", DATA))
-            if not kept or len(result.values) > known:
-                say(job, result.text())
-            on_progress(results)
-            if result.state == "interrupted":
-                break
-        return results
+def train(run, options):
+    folder, job, checkpoint = run.folder, run.folder / "job.json", run.folder / "checkpoint.ubs"
+    record, log = read_json(job), folder / "train.log"
+    same = record.get("identity") == run.identity
+    goes_on = options.resume and same and checkpoint.exists()
+    if not goes_on:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in (job, checkpoint, folder / "metrics.json", folder / "eval.json"):
+            file.unlink(missing_ok=True)
+        record = {"identity": run.identity, "commit": options.version["commit"], "command": shlex.join(sys.orig_argv),
+                  "host": os.uname().nodename, "begun": now()}
+        write(job, to_json(record))
+    arguments = ["--resume", folder] if goes_on else ["--out", folder, "--overwrite", *set_options(run.settings)]
+    code, output = child.run([options.ubs, "train", "--data", run.data, *arguments, *options.on_device,
+                              *options.train_argument], log)
+    interrupted = code == INTERRUPTED or (code < 0 and child.stopped)
+    if interrupted and (checkpoint.exists() or not (folder / "metrics.json").exists()):
+        run.end("interrupted", f"what it had is in {folder}")
+    elif code == 0 or interrupted:  # after the last step a request to end changes nothing
+        write(job, to_json(record | {"ended": now()}))
+        run.end("failed", f"{folder}/metrics.json: the training did not reach its last iteration", DATA)
+        load(run)
+    else:
+        run.end("failed", why(code, output, log), max(code, INTERNAL))
+        # A damaged checkpoint, or one of another version, device or data, cannot be continued. After other errors, such
+        # as a full disk, it can.
+        if goes_on and ("/checkpoint.ubs: " in run.reason or "the run was started" in run.reason):
+            checkpoint.unlink()
+            train(run, options)
+        elif code == USAGE and not same:  # it did not begin: perhaps another training is writing to the folder
+            job.unlink()
 
 
-# Tables. A cell is our value and the published one; either may be None.
+def measure(run, options):
+    """Measures with `ubs eval` what training does not. If that fails, the run stays without it."""
+    asked, reason = {"fps": options.fps_views, "lpips": options.lpips_weights}, ""
+    missing = [key for key in asked if key not in run.values and "psnr" in run.values]  # or there are no test images
+    if any(asked[key] for key in missing):
+        folder, log = run.folder, run.folder / "measure.log"
+        lpips = ["--lpips", "vgg", "--lpips-range", "unit", "--lpips-weights", asked["lpips"]] if asked["lpips"] else []
+        code, output = child.run([options.ubs, "eval", "--model", folder / "model.ply", "--data", run.data, "--out",
+                                  folder / "eval.json", "--spec", folder / "config.yaml", "--overwrite", "--fps-views",
+                                  asked["fps"], *lpips, *options.on_device], log)
+        reason = why(code, output, log)
+        load(run)
+    run.lacks = {key: reason if asked[key] else "not asked for (--fps-views, --lpips-weights)" for key in missing
+                 if key not in run.values}
 
 
-@dataclass
-class Line:
-    row: dict
-    set: dict
-    scene: str
-    title: str
-    state: str
-    cells: dict  # by metric
-    lacks: dict = field(default_factory=dict)
-    present: int = 0  # of means: the number of scenes that were measured
+# Tables
 
 
-def difference(cell):
-    return None if None in cell else cell[0] - cell[1]
+def mean(runs):
+    """Both means of a metric are over the same runs, those with both values, so that a missing scene does not shift the
+    difference; without any published value ours is over all measured runs."""
+    def average(values):
+        return sum(values) / len(values)
 
-
-def mean_line(lines):
-    """Both values of a cell are means over the same scenes, those with both values, so that a missing scene does not
-    shift the difference; without any published value the mean is over all measured scenes."""
-    cells = {}
+    found = Run(runs[0].row, runs[0].set, AVERAGE)
+    found.end("done")
+    found.present = sum(run.state == "done" for run in runs)
     for key in METRICS:
-        measured = [line.cells[key] for line in lines if line.cells.get(key, (None,))[0] is not None]
-        both = [cell for cell in measured if cell[1] is not None]
+        measured = [run for run in runs if key in run.values]
+        both = [run for run in measured if key in run.paper]
+        if measured:
+            found.values[key] = average([run.values[key] for run in both or measured])
         if both:
-            cells[key] = tuple(sum(values) / len(both) for values in zip(*both))
-        elif measured:
-            cells[key] = sum(ours for ours, _ in measured) / len(measured), None
-    present = sum(line.state == "done" for line in lines)
-    return Line(lines[0].row, lines[0].set, AVERAGE, "mean", "done", cells, present=present)
-
-
-def compare(spec, jobs, results):
-    """Lines by data set, then row, then scene; after the scenes of a row their mean."""
-    found = []
-    for data in spec["sets"].values():
-        for row in spec["rows"]:
-            lines = []
-            for job, result in zip(jobs, results):
-                if job.set is data and job.row is row:
-                    published = row["published"].get(job.place, {})
-                    cells = {key: (result.values.get(key), published.get(key)) for key in METRICS
-                             if key in result.values or key in published}
-                    title = data["scenes"][job.scene]["title"]
-                    lines.append(Line(row, data, job.scene, title, result.state, cells, result.lacks))
-            found += lines
-            if lines and len(data["scenes"]) > 1:
-                found.append(mean_line(lines))
+            found.paper[key] = average([run.paper[key] for run in both])
     return found
 
 
-def table_cell(text):
+def compare(spec, runs):
+    """The lines of the tables: runs by data set and row, and after those of a row their mean."""
+    lines = []
+    for data in spec["sets"].values():
+        for row in spec["rows"]:
+            own = [run for run in runs if run.set is data and run.row is row]
+            lines += own + ([mean(own)] if own and len(data["scenes"]) > 1 else [])
+    return lines
+
+
+def shown(lines):
+    """The metrics that the lines have."""
+    return {key: metric for key, metric in METRICS.items() if any(key in run.values | run.paper for run in lines)}
+
+
+def table_csv(lines):
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["row", "dataset", "scene", "state", "metric", "ours", "published", "difference"])
+    for run in lines:
+        for key in sorted(shown([run])) or [""]:
+            values = (run.values.get(key), run.paper.get(key), run.difference(key))
+            table.writerow([run.row["name"], run.set["name"], run.scene, run.state, key,
+                            *["" if value is None else f"{value:.10g}" for value in values]])
+    return text.getvalue()
+
+
+def table_json(spec, runs, lines, occasion):
+    means = [run for run in lines if run.scene == AVERAGE]
+    return to_json({
+        "experiment": spec["name"], **occasion, "published_source": spec["published"]["source"],
+        "metrics": {key: definition for key, (_, definition, _, _) in METRICS.items()},
+        "runs": [{"id": run.id, "state": run.state, "reason": run.reason, "lacks": run.lacks,
+                  "data": str(run.data or ""), "image_width": run.width or None, "ours": run.values,
+                  "published": run.paper, "not_as_published": run.changes(), "settings": run.settings,
+                  "record": run.record or None} for run in runs],
+        "means": [{"row": run.row["name"], "dataset": run.set["name"], "scenes_present": run.present,
+                   "scenes_planned": len(run.set["scenes"]),
+                   "metrics": {key: {"ours": run.values[key], "published": run.paper.get(key),
+                                     "difference": run.difference(key)} for key in sorted(run.values)}}
+                  for run in means],
+        "published_averages": {f"{run.row['name']}/{run.set['name']}": run.row["published"][run.place]
+                               for run in means if run.place in run.row["published"]}})
+
+
+def in_line(text):
+    """A text for a line or a cell of Markdown."""
     return text.replace("|", "/").replace("\n", " ")
 
 
-def table_line(label, title, cells, columns):
-    def shown(value, decimals, sign=""):
-        return "–" if value is None else f"{value:{sign}.{decimals}f}"
+def items(texts):
+    return "".join(f"- {in_line(text)}\n" for text in texts)
 
-    words = [table_cell(label), table_cell(title)]
-    for key, (_, _, decimals, quality) in columns.items():
-        cell = cells.get(key, (None, None))
-        words += [shown(value, decimals) for value in cell]
-        words += [shown(difference(cell), decimals, "+")] if quality else []
-    return f"| {' | '.join(words)} |\n"
+
+def grouped(pairs):
+    """Texts, each after the names of all runs that have it."""
+    names = {}
+    for name, text in pairs:
+        names.setdefault(text, []).append(name)
+    return [f"{', '.join(names[text])}: {text}" for text in sorted(names) if text]
 
 
 def set_table(data, lines):
-    """The table of one data set, followed by what its finished runs lack."""
-    columns = {key: metric for key, metric in METRICS.items() if any(key in line.cells for line in lines)}
-    heads = ["method", "scene"]
+    """The table of one data set."""
+    columns, scenes = shown(lines), len(data["scenes"])
+    rows = [["method", "scene"]]
     for heading, _, _, quality in columns.values():
-        heads += [heading, "paper", "difference"] if quality else [heading, "paper"]
-    text = f"\n## {table_cell(data['title'])}\n\n| {' | '.join(heads)} |\n{'|---' * len(heads)}|\n"
-    for line in lines:
-        mean, label = line.scene == AVERAGE, line.row["label"]
-        title = f"mean of {line.present} of {len(data['scenes'])}" if mean else line.title
-        text += table_line(label, title + (f" ({line.state})" if line.state != "done" else ""), line.cells, columns)
-        printed = line.row["published"].get(f"{data['name']}/{AVERAGE}") if mean else None
-        if printed:
-            text += table_line(label, f"average as printed, {len(data['scenes'])} scenes",
-                               {key: (None, value) for key, value in printed.items()}, columns)
-    gaps = ""
-    for key, (heading, *_) in columns.items():
-        for reason in sorted({line.lacks[key] for line in lines if key in line.lacks}):
-            runs = [f"{line.row['name']}/{line.scene}" for line in lines if line.lacks.get(key) == reason]
-            gaps += f"- {heading} not measured of {', '.join(runs)}: {table_cell(reason)}\n"
-    return text + (f"\n{gaps}" if gaps else "")
+        rows[0] += [heading, "paper", "difference"] if quality else [heading, "paper"]
+
+    def add(run, title):
+        def text(value, sign=""):
+            return "–" if value is None else f"{value:{sign}.{decimals}f}"
+
+        rows.append([run.row.get("label", run.row["name"]), title])
+        for key, (_, _, decimals, quality) in columns.items():
+            rows[-1] += [text(run.values.get(key)), text(run.paper.get(key))]
+            rows[-1] += [text(run.difference(key), "+")] if quality else []
+
+    for run in lines:
+        if run.scene != AVERAGE:
+            add(run, run.about.get("title", run.scene) + (f" ({run.state})" if run.state != "done" else ""))
+            continue
+        add(run, f"mean of {run.present} of {scenes}")
+        if run.place in run.row["published"]:
+            printed = Run(run.row, data, AVERAGE)
+            printed.paper = run.row["published"][run.place]
+            add(printed, f"average as printed, {scenes} scenes")
+    lines = [f"| {' | '.join(map(in_line, row))} |\n" for row in rows]
+    lines.insert(1, "|---" * len(rows[0]) + "|\n")
+    return f"\n## {in_line(data.get('title', data['name']))}\n\n{''.join(lines)}"
 
 
-def differences(jobs, results):
-    """The runs that are in the table, grouped by what is not as published."""
-    groups = {}
-    for job, result in zip(jobs, results):
-        changes = job.changes() if result.state == "done" else []
-        if result.state == "done" and None not in (job.width, job.published_width) and job.width != job.published_width:
-            changes.insert(0, f"images {job.width} px wide (published: about {job.published_width})")
-        if changes:
-            groups.setdefault(", ".join(changes), []).append(job.id)
-    if not groups:
-        return "\nAll runs have the published settings and image sizes.\n"
-    return ("\n**Not the published settings or image sizes**, so a difference to the paper is expected:\n\n"
-            + "".join(f"- {', '.join(ids)}: {table_cell(change)}\n" for change, ids in sorted(groups.items())))
-
-
-def markdown(spec, jobs, results, lines, occasion):
+def markdown(spec, runs, lines, occasion):
+    done = [run for run in runs if run.state == "done"]
     scale, source = occasion["scale_down"], spec["published"]["source"]
-    text = f"# {spec['title']}\n\n{occasion['date'][:10]}" + (f", scaled down by {scale}" if scale > 1 else "")
+    text = f"# {spec.get('title', spec['name'])}\n\n{occasion['date'][:10]}"
+    text += f", scaled down by {scale}" if scale > 1 else ""
     text += ". Values of the model after the last iteration. Difference: ours minus paper.\n"
     text += f"Published values: {source}\n" if source else ""
-    text += f"\n{spec['notes']}\n" if spec["notes"] else ""
-    text += differences(jobs, results)
+    text += f"\n{spec['notes']}\n" if "notes" in spec else ""
+    changes = grouped((run.id, ", ".join(run.changes())) for run in done)
+    text += ("\n**Not the published settings or image sizes**, so a difference to the paper is expected:\n\n"
+             + items(changes) if changes else "\nAll runs have the published settings and image sizes.\n")
     for data in spec["sets"].values():
-        if own := [line for line in lines if line.set is data]:
+        if own := [run for run in lines if run.set is data]:
             text += set_table(data, own)
-    missing = "".join(f"- {job.id}: {result.state}" + (f": {table_cell(result.reason)}" if result.reason else "") + "\n"
-                      for job, result in zip(jobs, results) if result.state != "done" or result.reason)
-    text += f"\n## Not in the table\n\n{missing}" if missing else ""
+    missing = grouped((run.id, run.reason if run.state == "done" else f"{run.state}: {run.reason}") for run in runs)
+    for key, (heading, *_) in shown(lines).items():
+        missing += grouped((run.id, f"{heading} not measured: {run.lacks[key]}") for run in done if key in run.lacks)
+    text += f"\n## Not in the table\n\n{items(missing)}" if missing else ""
     text += "\n## Metrics and settings\n\n"
-    text += "".join(f"- {heading}: {definition}\n" for key, (heading, definition, _, _) in METRICS.items()
-                    if any(key in line.cells for line in lines))
-    origins = set()
-    for record in (result.record for result in results if result.state == "done"):
-        device = record.get("device", {})
-        origins.add(f"- {device.get('name', 'unknown device')} ({device.get('platform', '?')}); ubs "
-                    f"{record.get('version', '?')}, build {record.get('build', '?')}, "
-                    f"commit {record.get('commit', 'unknown')}\n")
-    text += f"\nMeasured with:\n\n{''.join(sorted(origins))}" if origins else ""
+    text += items(f"{heading}: {definition}" for heading, definition, _, _ in shown(lines).values())
+    origins = {"{device[name]} ({device[platform]}); ubs {version}, build {build}, commit {commit}".format(**run.record)
+               for run in done}
+    text += f"\nMeasured with:\n\n{items(sorted(origins))}" if origins else ""
     return text + (f"\n    {occasion['command']}\n\nAll settings of every run: `table.json`, and `config.yaml` in its "
                    "folder.\n")
-
-
-def csv(lines):
-    """One line per value; means have the scene "average". Names are words without commas and quotes."""
-    text = "row,dataset,scene,state,metric,ours,published,difference\n"
-    for line in lines:
-        head = f"{line.row['name']},{line.set['name']},{line.scene},{line.state}"
-        for key, cell in sorted(line.cells.items()):
-            values = ["" if value is None else f"{value:.10g}" for value in (*cell, difference(cell))]
-            text += f"{head},{key},{','.join(values)}\n"
-        text += "" if line.cells else f"{head},,,,\n"
-    return text
-
-
-def table_json(spec, jobs, results, lines, occasion):
-    runs = [{"id": job.id, "state": result.state, "reason": result.reason, "lacks": result.lacks,
-             "data": str(job.data or ""), "image_width": job.width, "ours": result.values,
-             "published": job.row["published"].get(job.place, {}), "not_as_published": job.changes(),
-             "settings": job.settings, "record": result.record or None} for job, result in zip(jobs, results)]
-    means = [{"row": line.row["name"], "dataset": line.set["name"], "scenes_present": line.present,
-              "scenes_planned": len(line.set["scenes"]),
-              "metrics": {key: {"ours": cell[0], "published": cell[1], "difference": difference(cell)}
-                          for key, cell in sorted(line.cells.items())}} for line in lines if line.scene == AVERAGE]
-    averages = {f"{line.row['name']}/{line.set['name']}": line.row["published"][f"{line.set['name']}/{AVERAGE}"]
-                for line in lines if f"{line.set['name']}/{AVERAGE}" in line.row["published"]}
-    return {"experiment": spec["name"], **occasion, "published_source": spec["published"]["source"],
-            "metrics": {key: definition for key, (_, definition, _, _) in METRICS.items()}, "runs": runs,
-            "means": means, "published_averages": averages}
 
 
 # The command
 
 
-def plan_of(job, device, ubs):
-    """What `ubs plan` prints for a job, and why it failed."""
-    with tempfile.TemporaryDirectory() as folder:
-        spec = pathlib.Path(folder) / "job.yaml"
-        spec.write_text(settings_file(job.settings))
-        code, output, errors = ubs.run("plan", "--data", str(job.data), "--spec", str(spec), "--json", *device)
-    last = (errors.split("\n") or [""])[-2:][0]
-    return (json.loads(output), "") if code == 0 else (None, reason_of(code, errors, f" after '{last}'"))
-
-
-def dry_run(options, spec, runner):
-    """Prints the runs and the hours that `ubs plan` expects. Runs of the same settings, data set and image size share
-    an estimate."""
-    plans, entries = {}, []
-    for job in runner.jobs:
-        if interrupt.requested:
-            return INTERRUPTED
-        plan, problem = None, job.problem and f"cannot run: {job.problem}"
-        if job.data is None:
-            problem = f"no data (looked for {job.looked_for})"
-        if job.runnable:
-            key = json.dumps([job.set["name"], job.width, job.deciding()])
-            if key not in plans:
-                plans[key] = plan_of(job, runner.device, runner.ubs)
-            plan, problem = plans[key]
-        hours = plan["seconds"] / 3600 if plan else None
-        text = f"time unknown: {problem}" if job.runnable else problem
-        if plan:
-            s, (first, last) = job.settings, (plan["start"], plan["end"])
-            text = (f"{job.data}, {job.width} px wide, N = {s['dim']}, up to {s['cap_max']} splats, {s['iterations']} "
-                    f"iterations of {s['batch']} views, {hours:.3f} h ({first['step_ms']:.2f} ms at {first['splats']} "
-                    f"splats, {last['step_ms']:.2f} ms at {last['splats']} splats)")
-        if not options.json:
-            print(f"{job.id}: {text}", flush=True)
-        entries.append({"id": job.id, "data": str(job.data or ""), "runnable": job.runnable, "reason": problem,
-                        "not_as_published": job.changes(), "start": plan and plan["start"], "end": plan and plan["end"],
-                        "hours": hours})
-    unknown = sum(entry["runnable"] and entry["hours"] is None for entry in entries)
-    if options.json:
-        print(to_json({"experiment": spec["name"], "runs": entries}), end="")
-    else:
-        print(f"\n{sum(entry['runnable'] for entry in entries)} of {len(entries)} runs have data; "
-              f"{sum(entry['hours'] or 0 for entry in entries):.3f} hours"
-              + (f" and {unknown} runs of unknown length" if unknown else "")
-              + " as planned, without loading and evaluation")
-    return INTERRUPTED if interrupt.requested else 0
-
-
-def find_weights(options):
-    """The weights of LPIPS, or None and why not. Those that the user names must be there."""
-    named = options.lpips_weights or os.environ.get("UBS_LPIPS_WEIGHTS", "")
-    path = pathlib.Path(named).absolute()
-    file = path / "lpips_vgg.safetensors" if path.is_dir() else path
-    if not named:
-        return None, "no weights of VGG16 (--lpips-weights or UBS_LPIPS_WEIGHTS)"
-    if options.lpips_weights and not file.is_file():
-        raise Failure(DATA, f"{file}: no such file")
-    return (path, "") if file.is_file() else (None, f"{file}: no such file")
-
-
-def check_output(options, runner):
-    """Nothing of earlier runs is replaced unless the user says so."""
-    for job in runner.jobs:
-        if job.data and is_inside(runner.out, job.data):
-            raise Failure(USAGE, f"{runner.out}: is inside of the data folder {job.data}: choose another --out")
-    files = [runner.out / f"table.{suffix}" for suffix in ("md", "csv", "json")]
-    files += [runner.folder(job) / file for job in runner.jobs for file in ("job.json", "checkpoint.ubs", "model.ply")]
-    found = next((file for file in files if file.exists()), None)
-    if found and not options.overwrite and not runner.resume:
-        raise Failure(USAGE, f"{found} exists: go on with --resume, replace results with --overwrite, or choose "
-                      "another --out")
-
-
-def execute(options, spec, runner):
-    check_output(options, runner)
-    runner.weights, runner.why_no_lpips = find_weights(options)
-    if not options.task:  # tasks lock the folders of their runs alone
-        runner.locks.append(lock(runner.out))
-
-    def save(results):
-        ubs, lines = runner.ubs, compare(spec, runner.jobs, results)
-        occasion = {"date": utc_date(), "version": ubs.version, "build": ubs.build, "commit": ubs.commit,
-                    "command": shlex.join(sys.orig_argv), "scale_down": options.scale_down}
-        texts = {"md": markdown(spec, runner.jobs, results, lines, occasion), "csv": csv(lines),
-                 "json": to_json(table_json(spec, runner.jobs, results, lines, occasion))}
-        for suffix, text in texts.items():
-            if not options.task:
-                write(runner.out / f"table.{suffix}", text)
-        return texts
-
-    results = runner.run(save)
-    print(save(results)["json" if options.json else "md"], end="")
-    failed = [result for result in results if result.state == "failed"]
-    if interrupt.requested or any(result.state in ("interrupted", "not run") for result in results):
-        remark("ubs: warning: interrupted; go on with the same command and --resume")
-        return INTERRUPTED
-    if failed:
-        remark(f"ubs: warning: {len(failed)} runs failed, see the table")
-    return failed[0].code if failed else 0
-
-
-def emit_tasks(runner):
-    """Prints a JSON line for each run that is not finished: this command with --task instead of --emit-tasks."""
-    command = shlex.join(word for word in sys.orig_argv if word != "--emit-tasks")
-    runnable = [job for job in runner.jobs if job.runnable]
-    left = [job for job in runnable if runner.known_before(job)[0].state != "done"]
-    for job in left:
-        key = runner.key(job)
-        print(json.dumps({"key": key, "id": job.id, "command": f"{command} --task {key}"}))
-    if len(left) < len(runnable):
-        remark(f"{len(runnable) - len(left)} runs are finished already")
+def dry_run(runs, options):
+    """Prints the runs and the hours that `ubs plan` expects of each."""
+    total = 0
+    for run in runs:
+        text = f"{run.state}: {run.reason}"
+        if run.state == "not run":
+            try:
+                plan = ask(options.ubs, "plan", "--data", str(run.data), "--json", *options.on_device,
+                           *set_options(run.settings))
+                hours = json.loads(plan)["seconds"] / 3600
+                total += hours
+                text = f"{hours:.3f} h, {run.data}, {run.width} px wide, {run.settings['iterations']} iterations"
+            except Failure as error:
+                text = f"time unknown: {error.args[1]}"
+        print(f"{run.id}: {text}", flush=True)
+    print(f"\n{total:.3f} hours as planned, without loading and evaluation")
     return 0
 
 
-def run(options):
-    ubs = Ubs(options.ubs)
-    spec = load_experiment(options.spec, ubs)
-    runner = Runner(options, make_plan(spec, options, ubs), options.out or pathlib.Path("out") / spec["name"], ubs)
-    if interrupt.requested:
+def execute(spec, runs, options):
+    """Trains and measures what is not finished, and writes the tables after each run; with --task only prints them."""
+    tables = [options.out / f"table.{suffix}" for suffix in ("md", "csv", "json")]
+    results = tables + [run.folder / name for run in runs for name in ("job.json", "checkpoint.ubs", "model.ply")]
+    found = [file for file in results if file.exists()]
+    if found and not options.overwrite and not options.resume:
+        raise Failure(USAGE, f"{found[0]} exists: go on with --resume, replace results with --overwrite, or choose "
+                      "another --out")
+    if options.lpips_weights and not os.path.exists(options.lpips_weights):
+        raise Failure(DATA, f"{options.lpips_weights}: no such file (--lpips-weights or UBS_LPIPS_WEIGHTS)")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # which nohup ignores
+            signal.signal(number, child.stop)
+
+    def save():
+        lines = compare(spec, runs)
+        occasion = {"date": now(), **options.version, "command": shlex.join(sys.orig_argv),
+                    "scale_down": options.scale_down}
+        texts = markdown(spec, runs, lines, occasion), table_csv(lines), table_json(spec, runs, lines, occasion)
+        for path, text in zip(tables, texts):
+            if not options.task:
+                write(path, text)
+        return texts[2 if options.json else 0]
+
+    def say(text):
+        if not options.quiet:
+            print(f"[{number}/{len(runs)}] {run.id}: {text}", file=sys.stderr, flush=True)
+
+    for run in runs:
+        if options.resume and run.state == "not run":
+            load(run)
+    for number, run in enumerate(runs, 1):
+        if child.stopped or any(run.state == "interrupted" for run in runs):
+            break
+        try:
+            if run.state == "not run":
+                say(f"training on {run.data}, log {run.folder / 'train.log'}")
+                train(run, options)
+            if run.state == "done":
+                measure(run, options)
+        except OSError as error:
+            run.end("failed", str(error), DATA)
+        say(", ".join([f"{run.state}{run.reason and ': '}{run.reason}",
+                       *[f"{METRICS[key][0]} {run.values[key]:.4g}" for key in shown([run]) if key in run.values]]))
+        save()
+    print(save(), end="")
+    if child.stopped or any(run.state in ("interrupted", "not run") for run in runs):
+        print("experiment.py: interrupted; go on with the same command and --resume", file=sys.stderr)
         return INTERRUPTED
+    return next((run.code for run in runs if run.state == "failed"), 0)
+
+
+def command(options):
+    spec, options.version = load_experiment(options.spec), version_of(options.ubs)
+    options.out = options.out or pathlib.Path("out") / spec["name"]
+    runs = make_plan(spec, options)
     if options.dry_run:
-        return dry_run(options, spec, runner)
-    if not any(job.data for job in runner.jobs):
-        raise Failure(DATA, f"{options.root}: no data of any of the {len(runner.jobs)} runs; the first was looked for "
-                      f"in {runner.jobs[0].looked_for}; see --scene-folder")
-    if options.emit_tasks:
-        return emit_tasks(runner)
+        return dry_run(runs, options)
     if options.task:
-        runner.jobs = [job for job in runner.jobs if job.runnable and runner.key(job) == options.task]
-        if not runner.jobs:
-            raise Failure(USAGE, f"--task {options.task}: no run has this key here: other settings, data, build or "
-                          "device; use --emit-tasks again")
-    return execute(options, spec, runner)
+        runs = [run for run in runs if run.id == options.task]
+        if not runs:
+            raise Failure(USAGE, f"--task {options.task}: there is no such run; use --emit-tasks again")
+    if not any(run.data for run in runs):
+        raise Failure(DATA, f"{options.root}: no data of any of the {len(runs)} runs; {runs[0].id}: {runs[0].reason}; "
+                      "see --scene-folder")
+    if not options.emit_tasks:
+        return execute(spec, runs, options)
+    words = [word for word in sys.orig_argv if word != "--emit-tasks"]
+    for run in [run for run in runs if run.state == "not run"]:
+        load(run)
+        if run.state != "done":
+            print(json.dumps({"id": run.id, "command": shlex.join([*words, "--task", run.id])}))
+    return 0
 
 
 class Parser(argparse.ArgumentParser):
@@ -997,82 +677,76 @@ class Parser(argparse.ArgumentParser):
         raise Failure(USAGE, f"{message} (see --help)")
 
 
+def names(text):
+    return text.split(",")
+
+
 def pair(text):
-    key, equals, value = text.partition("=")
-    if not key or not equals:
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form KEY=VALUE")
+    key, value = text.split("=", 1)
     return key, value
 
 
-def integer(low, high):
-    def checked(text):
-        if not re.fullmatch("[0-9]{1,9}", text) or not low <= int(text) <= high:
-            raise argparse.ArgumentTypeError(f"'{text}' is not an integer {low} to {high}")
-        return int(text)
-    return checked
-
-
-def default_ubs():
-    built = pathlib.Path(__file__).resolve().parent.parent / "build" / "ubs"
-    return str(built) if built.exists() else shutil.which("ubs") or str(built)
+pair.__name__ = "KEY=VALUE"  # for argparse's error
 
 
 def parse(arguments):
-    parser = Parser(description="Trains the runs of an experiment and compares the results with published ones "
-                    "(docs/experiments.md).", allow_abbrev=False)
-    add = parser.add_argument
+    built = pathlib.Path(__file__).resolve().parent.parent / "build" / "ubs"
+    ubs = str(built) if built.exists() else shutil.which("ubs") or str(built)
+    parser = Parser(description="Trains the runs of an experiment and compares the results with published ones.",
+                    epilog="docs/experiments.md says more.", allow_abbrev=False)
+    add, mode = parser.add_argument, parser.add_mutually_exclusive_group()
     add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
-    add("--root", type=pathlib.Path, required=True, metavar="DIR", help="folder that holds the data sets")
-    add("--out", type=pathlib.Path, metavar="DIR", help="output folder: table.md, .csv, .json, runs/ [out/NAME]")
-    add("--ubs", metavar="PATH", default=default_ubs(), help="executable [build/ubs of this source tree, or in PATH]")
-    add("--scenes", type=lambda text: text.split(","), action="extend", metavar="A,B,...",
+    add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that holds the data sets")
+    add("--out", metavar="DIR", type=pathlib.Path, help="output: table.md, table.csv, table.json, runs/ [out/NAME]")
+    add("--ubs", metavar="PATH", default=ubs, help="executable [build/ubs of this source tree, or in PATH]")
+    add("--scenes", metavar="A,B", type=names, default=[], action="extend",
         help="only these scenes: lego, or dnerf/lego")
-    add("--rows", type=lambda text: text.split(","), action="extend", metavar="A,B,...",
-        help="only these rows (methods)")
-    add("--scene-folder", type=pair, action="append", default=[], metavar="SCENE=FOLDER",
+    add("--rows", metavar="A,B", type=names, default=[], action="extend", help="only these rows (methods)")
+    add("--scene-folder", metavar="SCENE=FOLDER", type=pair, default=[], action="append",
         help="where a scene is, relative to --root (repeatable)")
-    add("--scale-down", type=integer(1, 64), nargs="?", const=4, default=1, metavar="K",
+    add("--scale-down", metavar="K", type=int, nargs="?", const=4, default=1,
         help="small version: images / K, splats / K^2, iterations / K; K = 4 if none is given")
-    add("--set", type=pair, action="append", default=[], metavar="KEY=VALUE",
+    add("--set", metavar="KEY=VALUE", type=pair, default=[], action="append",
         help="a setting of all runs, such as iterations=2000 (repeatable)")
-    add("--train-argument", action="append", default=[], metavar="ARG",
+    add("--train-argument", metavar="ARG", default=[], action="append",
         help="passed to `ubs train` of every run, as --train-argument=--quiet (repeatable)")
-    add("--lpips-weights", metavar="FILE|DIR", help="weights of VGG16 for the column LPIPS: a safetensors file, or a "
-        "folder with lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
-    add("--fps-views", type=integer(0, 10**6), default=20, metavar="N",
-        help="test views rendered for the column FPS, 0: none [20]")
+    add("--lpips-weights", metavar="FILE|DIR", default=os.environ.get("UBS_LPIPS_WEIGHTS"),
+        help="weights of VGG16 for the column LPIPS: FILE, or DIR/lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
+    add("--fps-views", metavar="N", type=int, default=20, help="test views rendered for the column FPS, 0: none [20]")
     add("--device", metavar="DEVICE", help="as for `ubs train`")
     add("--quiet", action="store_true", help="no progress")
-    add("--json", action="store_true", help="print table.json (with --dry-run the plan) instead of text")
-    add("--resume", action="store_true", help="keep complete runs of the same settings, continue the interrupted one")
-    mode = parser.add_mutually_exclusive_group()
-    mode.add_argument("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` "
-                      "expects of each, without --train-argument")
-    mode.add_argument("--emit-tasks", action="store_true", help="only print a JSON line with a command for each run "
-                      "that is not finished, for job arrays")
-    mode.add_argument("--task", metavar="KEY", help="of these commands: the run of this key, and no tables")
-    mode.add_argument("--overwrite", action="store_true", help="replace results of earlier runs")
+    add("--json", action="store_true", help="print table.json instead of table.md")
+    add = mode.add_argument
+    add("--resume", action="store_true", help="keep finished runs of the same settings, go on with the interrupted one")
+    add("--overwrite", action="store_true", help="replace results of earlier runs")
+    add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")
+    add("--emit-tasks", action="store_true", help="only print a JSON line with a command for each run that is not "
+        "finished, for job arrays")
+    add("--task", metavar="ID", help="of these commands: only this run, as with --resume, and no tables")
     options = parser.parse_args(arguments)
-    if options.resume and options.overwrite:
-        parser.error("argument --resume: not allowed with argument --overwrite")
+    if not 1 <= options.scale_down <= 64 or options.fps_views < 0:
+        parser.error("--scale-down takes 1 to 64, and --fps-views 0 or more")
     options.set, options.scene_folder = dict(options.set), dict(options.scene_folder)
+    options.resume = options.resume or bool(options.task)
+    options.on_device = ["--device", options.device] if options.device else []
     return options
 
 
 def main():
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(encoding="utf-8", errors="surrogateescape")
-    interrupt.install()
     try:
-        code = run(parse(sys.argv[1:]))
+        code = command(parse(sys.argv[1:]))
         sys.stdout.flush()
         return code
     except Failure as error:
-        code, message = error.code, str(error)
+        code, message = error.args
     except OSError as error:
-        code, message = DATA, str(error)
-    remark("experiment.py: error: " + " ".join(message.split()))
-    return INTERRUPTED if interrupt.requested else code
+        code, message = DATA, f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    print("experiment.py: error:", " ".join(message.split()), file=sys.stderr)
+    return code
 
 
 if __name__ == "__main__":
