@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds the gradients of the parameter penalties: x = UBS_VW splats, y = 0 opacity, 1..3 spatial scales.
+// Adds the gradients of the parameter penalties. x: UBS_VW splats per work-item; y: 0 for the opacity, 1..3 for the
+// spatial scales.
 
 UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_params, uint count, uint stride,
                            real opacity_weight, real scale_weight) {
