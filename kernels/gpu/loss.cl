@@ -52,9 +52,9 @@
 // Columns of a tile including the halo of the window, rounded up to whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
-// Zero columns to the left of a map's plane (host: kMapMargin). They align windows to whole vectors, because windows
-// are loaded three times as often as pixels are stored. To the right there are at least as many zero columns as a
-// window reaches.
+// Zero columns to the left of a map's plane. They align windows to whole vectors, because windows are loaded three
+// times as often as pixels are stored. The host adds kMapMargin zero columns to each row; those that are not on the
+// left are on the right, where they are at least as many as a window reaches.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (LOSS_GROUP == 1 ? LOSS_SHARES : 3 * LOSS_SHARES)
