@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions that CUDA C++ has no name for, or only in headers that NVRTC does not bring. UBS_CUDA_ON_HOST:
-// what they mean, for the build that runs on the host (tests/cuda).
+// Instructions for which CUDA C++ has no function, or only one in headers that NVRTC does not include. With
+// UBS_CUDA_ON_HOST they are emulated, for the build that runs on the host (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST
 __device__ __forceinline__ float native_exp2(float y) { return cuda_on_host::exp2_approx(y); }
