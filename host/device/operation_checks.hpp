@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every back end checks of a stage's arguments before it launches anything: the contracts of stages.hpp
-// that do not depend on the device. A violation is a mistake of the pipeline, hence Error(internal).
+// Checks of the arguments of stages, which every back end makes before it launches anything. They cover the
+// contracts of stages.hpp that do not depend on the device. A violation is an error in the pipeline, hence
+// Error(internal).
 #pragma once
 
 #include <algorithm>
@@ -14,12 +15,12 @@
 
 namespace ubs {
 
-// Stages that learn, on stages that were made forward only.
+// Fails if stages without a backward pass are asked for a training stage.
 inline void check_backward(const KernelConfig& config, const char* stage) {
   if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
 }
 
-// RasterForward and RasterBackward; `slots`: whether masks and slots exist.
+// For RasterForward and RasterBackward. slots: whether masks and slots exist.
 template <typename Work>
 void check_raster(const Work& work, bool slots) {
   const auto require = [](bool holds, const char* what) {
@@ -33,14 +34,15 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }
 
-// RasterForward and RasterBackward of RasterKind::gpu: room for the states in front of the segments of lists.
+// For RasterForward and RasterBackward with RasterKind::gpu: checks the size of the states in front of the
+// segments of lists.
 template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
   if (work.states.size < needed)
     fail(ErrorKind::internal, "raster: {} floats of list states, {} needed", work.states.size, needed);
 }
-// Groups that the backward rasteriser launches, one a segment.
+// Returns the number of work-groups that the backward rasteriser launches, one per segment.
 inline std::uint64_t list_segments(const RasterBackward& work) {
   return stage_sizes::list_segments(static_cast<std::uint64_t>(work.shape.tiles()), work.sorted_ids.size);
 }
@@ -55,7 +57,7 @@ inline void check_weights(const MeasureWeights& work) {
   require(work.weights.size >= intersections, "weights shorter than the lists");
 }
 
-// `rows`: parameters of a splat.
+// rows: number of parameters per splat.
 inline void check_view(const SplatView& splats, std::size_t rows) {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
@@ -71,7 +73,7 @@ inline void check_camera_backward(const KernelConfig& config, const CameraBackwa
     fail(ErrorKind::internal, "camera backward: {} lanes in {} values", work.lanes, work.v_camera.size);
 }
 
-// `learnt`: how many of the `rows` are.
+// learnt: number of trained rows.
 inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learnt) {
   check_view(step.splats, rows);
   if (step.learning_rates.size < rows)
@@ -86,7 +88,7 @@ inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learn
     fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");
 }
 
-// What the kernels multiply with (AdamConstants of kernels/math/adam.h).
+// The factors that the kernels multiply with (AdamConstants of kernels/math/adam.h).
 struct BiasCorrection {
   float inverse1, inverse_sqrt2;
 };
@@ -97,7 +99,8 @@ inline BiasCorrection bias_correction(const AdamStep& a) {
   return {static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2))};
 }
 
-// Weights of one splat's penalties, which are means over splats and, of scales, axes.
+// Weights of the penalties of one splat. The penalties are means over splats and, for scales, also over the
+// axes.
 struct PenaltyWeights {
   float opacity, scale;
 };
@@ -106,7 +109,7 @@ inline PenaltyWeights penalty_weights(const Regularise& a) {
   return {a.opacity / count, a.scale / (3 * count)};
 }
 
-// That the means are over; 1 where none counts, whose sums are 0.
+// Returns the number of pixels that means are divided by. It is 1 if no pixel counts; the sums are 0 then.
 inline float counted_pixels(const ImageLoss& loss) {
   if (loss.mask.size > 0) return static_cast<float>(std::max(1u, loss.counted));
   return static_cast<float>(loss.shape.width) * static_cast<float>(loss.shape.height);
