@@ -51,7 +51,7 @@ std::string defect(int ordinal, int capability) {
 DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int runtime) {
   DeviceInfo info;
   info.backend = "cuda";
-  info.sorts_by_copying = true;  // CUB's SortPairs
+  info.sorts_by_copying = true;  // CUB's SortPairs does
   info.platform = fmt::format("CUDA runtime {}", version_text(runtime));
   info.vendor = "NVIDIA";
   info.name = properties.name;

@@ -20,7 +20,9 @@
 // ---- Parameters: row k of splat i is params[k * stride + i]; the rows have the same order as in the model file ----
 enum {
   kRowXyz = 0,
-  kRowRgb = 3,  // rgb; or spherical harmonics: three constant terms, then the others by channel, or the lobes
+  // rgb; or the three constant terms of the spherical harmonics, followed by the other terms by channel, or by the
+  // lobes
+  kRowRgb = 3,
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel
   kRowQueryBeta = kRowBeta + (kHasSpatialBeta ? 1 : 0),

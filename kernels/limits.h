@@ -90,8 +90,8 @@
 // The gradient of a scale is 0 if the scale is at most this value. The gradient contains a division by the scale, and
 // after the multiplication with the slope of softplus the result is below the range of single precision.
 #define UBS_SCALE_MIN R(1e-30)
-// Lower bound of the blur compensation in the formula of its derivative. A splat that is far smaller than a pixel has
-// less.
+// Lower bound of the blur compensation in the formula of its derivative. The compensation of a splat that is far
+// smaller than a pixel is below this value.
 #define UBS_COMPENSATION_MIN R(1e-6)
 // Enlarges the footprint to allow for the rounding of its own bounds in single precision [px].
 #define UBS_FOOTPRINT_MARGIN R(1e-3)

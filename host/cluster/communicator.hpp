@@ -23,7 +23,7 @@ class Exchange {
   // Returns how many bytes arrive from each rank. Waits.
   virtual const std::vector<std::uint64_t>& sizes() = 0;
   // Receives the pieces into the addresses in `into`, one per rank. Waits until all of them have arrived, and
-  // until the own pieces may be changed.
+  // until this rank may change the pieces that it sends.
   virtual void receive(std::span<std::byte* const> into) = 0;
   // The same, into host memory.
   std::vector<Bytes> finish();

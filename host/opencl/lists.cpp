@@ -22,8 +22,8 @@ constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a wo
 // CPUs: the depths of a scene differ in about 24 bits, which takes two passes with 12 bits each. Times of
 // lists with 10, 11, 12 and 13 bits, which take three, three, two and two passes: 30K splats 0.28, 0.28,
 // 0.26, 0.26 ms; 100K splats 0.72, 0.73, 0.65, 0.65 ms; 300K splats 2.0, 2.1, 1.8, 1.9 ms. At 1M splats 8 and
-// 12 bits are equally fast. At 3M splats, where 4096 open cache lines and pages are too many, 8 bits take 40
-// ms and 12 bits 43 ms.
+// 12 bits are equally fast. At 3M splats, where 4096 open cache lines and pages are too many, 8 bits take
+// 40 ms and 12 bits 43 ms.
 struct Digits {
   std::uint32_t first, widest;  // bits of the first digit; maximum bits of each further digit
 };

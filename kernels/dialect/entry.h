@@ -29,10 +29,13 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_DEPTH 0
 #endif
 
-// These macros hide from the kernels whether a CPU core chooses its work-groups itself (opencl/core_groups.h). The
-// definitions here are for kernels without that choice. They give the additional kernel parameters (none), the index of
-// the work-group in a one-dimensional launch, the index of its first work-item, and the loop over all of its items that
-// precedes a block (none, because there is one item).
+// The macros UBS_CORE_* allow the same kernel to run with or without core groups (opencl/core_groups.h), in which each
+// CPU core takes its work-groups itself. These are the definitions without core groups:
+// - UBS_CORE_PARAMETERS: additional kernel parameters; none
+// - UBS_CORE_GROUP: index of the work-group in a one-dimensional launch
+// - UBS_CORE_FIRST_ITEM: index of the first item that the work-item processes
+// - UBS_CORE_ITEMS(item): loop over its items, in front of the block that processes one; no loop, because there is one
+//   item
 #ifndef UBS_CORES
 #define UBS_CORE_PARAMETERS
 #define UBS_CORE_GROUP ubs_group_id()

@@ -2,14 +2,14 @@
 // Exchange of values between the lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS selects the mechanism
 // (host/opencl/exchange.hpp): 0: none; 1: cl_khr_subgroup_shuffle; 2: NVIDIA's shfl (always used in CUDA); 3: DPP and
 // ds_swizzle of AMD. The functions and macros are:
-// - ubs_item(): the number of the work-item in its group, such that each 16 consecutive ones are lanes of one wave.
-// - lane_xor8(x), ..., lane_xor1(x): the x of the lane whose number differs in this bit. Both lanes must take the same
-//   branch.
-// - any_of_wave(condition): the condition under which a loop with exchanges must continue. If all lanes of a wave must
-//   take part in an exchange, this is whether the condition holds in any of them; otherwise it is the lane's own
-//   condition.
-// - UBS_BALLOT: 1 if each 32 work-items with consecutive local ids are a wave. Then ballot(condition) returns one bit
-//   of each.
+// - ubs_item(): returns the number of the work-item in its group, in an order in which 16 consecutive work-items are
+//   lanes of the same wave.
+// - lane_xor8(x), ..., lane_xor1(x): return the x of the lane whose number differs in bit 8, 4, 2 or 1. Both lanes must
+//   take the same branch.
+// - any_of_wave(condition): returns whether a loop with exchanges must continue. If all lanes of a wave must take part
+//   in an exchange, this is true if the condition holds in any of them; otherwise it is the lane's own condition.
+// - UBS_BALLOT: 1 if waves consist of 32 work-items with consecutive local ids. Then ballot(condition) returns a word
+//   with one bit for each of them.
 // Without UBS_BALLOT the size of waves is unknown, except that it is a multiple of 16.
 #ifndef UBS_OPENCL
 #define UBS_SUBGROUPS 2
@@ -72,8 +72,8 @@ UBS_FN uint ballot(int condition) {
 }
 
 #elif UBS_SUBGROUPS == 3
-// Within rows of 16 lanes: a rotation by 8, and permutations of groups of four. Only newer GPUs have an instruction for
-// lanes at distance 4; therefore that exchange uses the crossbar of local memory.
+// The exchanges stay within rows of 16 lanes: a rotation by 8, and permutations within groups of four. Only newer GPUs
+// have an instruction for lanes at a distance of 4; therefore that exchange uses the crossbar of local memory.
 #define UBS_AMD_DPP(x, control) as_float(__builtin_amdgcn_mov_dpp(as_int(x), control, 0xf, 0xf, true))
 #define lane_xor8(x) UBS_AMD_DPP(x, 0x128)
 #define lane_xor4(x) as_float(__builtin_amdgcn_ds_swizzle(as_int(x), 0x101f))

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Checks the lane exchange in the way in which raster_backward.cl uses it, with values whose sums the host knows
-// (host/opencl/exchange.cpp). One work-group is launched. The blocks make different numbers of visits, as they do with
-// splats. If an exchange compiles on a GPU but gives wrong values, the rasteriser sums through local memory instead.
+// (host/opencl/exchange.cpp). One work-group is launched. The blocks make different numbers of visits, as in the
+// rasteriser. If an exchange compiles on a GPU but gives wrong values, the rasteriser sums through local memory
+// instead.
 
 #if UBS_BALLOT
 // Returns whether a ballot of the wave contains the bits of the right work-items.

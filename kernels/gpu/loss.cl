@@ -111,8 +111,8 @@ UBS_FN LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
 }
 
 #if UBS_VW > 1
-// Returns the vector at column `from` when `pixels` is the vector at column from - by; columns outside `pixels` are
-// zero.
+// Returns `pixels` shifted by `by` columns: lane i of the result is lane i + by of `pixels`, or zero if there is no
+// such lane.
 UBS_FN vreal shifted(vreal pixels, int by) {
   real lanes[3 * UBS_VW];
   UBS_STORE(V(0.0), lanes);
@@ -147,7 +147,7 @@ UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
 #if UBS_VW > 1
   if (!row) return make_pair(V(0.0), V(0.0), p, shift);
   // At the sides of the image, load the nearest vector inside it and shift it. Loading lane by lane took a quarter of
-  // the time for an image of 200 x 200.
+  // the total time for an image of 200 x 200.
   if (s.width >= UBS_VW) {
     int inside = clamp(x, 0, s.width - UBS_VW), by = clamp(x - inside, -UBS_VW, UBS_VW);
     LossLanes lanes = load_inside(p, s, inside, y);
@@ -402,7 +402,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   LOSS_BARRIER
   size_t index = ((size_t)s.channel * (rows / LOSS_TILE_Y) + tile.y) * tile.across + tile.x;
 #if LOSS_GROUP > 1
-  // A single work-item would take as long for these sums as all of them need for the tile.
+  // One work-item alone would take as long for these sums as all work-items together take for the rest of the tile.
   for (int i = me; i < 3 * LOSS_TEAM; i += LOSS_GROUP) {
     UBS_LOCAL real* of_quantity = shares + i / LOSS_TEAM * LOSS_GROUP + i % LOSS_TEAM;
     real sum = R(0.0);
@@ -505,7 +505,7 @@ UBS_FN LossSum add_share(LossSum s, real share) {
 }
 
 // Adds the sums of all tiles, in one work-group. Each channel has 64 shares; share i is the sum of the tiles i, i + 64,
-// ... Then one work-item adds the shares of a quantity.
+// i + 128, and so on. Afterwards, for each quantity, one work-item adds the shares.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
   UBS_SHARED real shares[9 * (LOSS_SHARES + 1)], totals[9];  // channel * 3 + quantity

@@ -9,8 +9,9 @@
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif
-// Splats per turn, 16 or 32. Local memory holds the sums by block of one turn. With fewer splats per turn more
-// work-groups fit on a compute unit, but work-groups wait more often for their slowest block.
+// Splats per turn, 16 or 32. The splats of a batch are processed in several turns, because each splat has a separate
+// sum for each block of the tile, and local memory only has space for the sums of one turn. With fewer splats per turn
+// more work-groups fit on a compute unit, but work-groups wait more often for their slowest block.
 #ifndef UBS_BACKWARD_TURN
 #define UBS_BACKWARD_TURN 32
 #endif
@@ -19,7 +20,7 @@ enum {
   kBackwardWords = UBS_BACKWARD_BATCH / 32,
   kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange between lanes, local memory has no room for more
   kSums = 10,                                      // number of sums in blend_vjp()
-  kPlaces = kBlocks + 1,  // distance of the sums by block of two splats; one more than blocks, against bank conflicts
+  kPlaces = kBlocks + 1,  // stride from splat to splat in the sums: kBlocks + 1, to avoid bank conflicts
   kParts = kTurn * kPlaces,
 };
 
@@ -31,13 +32,13 @@ typedef struct {
   uint hits[kBlocks * kBackwardWords], kept[kBackwardWords];
 #if !UBS_SUBGROUPS
   float values[kSums * kBlocks * (kLanes + 1)];
-  int places_now[kBlocks];  // index for the sums of the splats that the blocks visit now, or -1
+  int places_now[kBlocks];  // place of the sum that each block computes now, or -1
 #endif
 } BackwardShared;
 
-// Place of a sum in BackwardShared::sums, which holds the sums over the pixels of a block, by splat of the turn and by
-// block. All words of sums 0 to 3 come first, then those of sums 4 to 7, then those of sums 8 and 9, whose words have
-// two floats. A sum is float number first + place * step.
+// Where one of the ten sums is stored in BackwardShared::sums, for all splats of the turn and all blocks. Sums 0 to 3
+// are stored first, in words of four floats, then sums 4 to 7, then sums 8 and 9 in words of two floats. The sum for a
+// splat and a block is float number first + place * step, where place is splat * kPlaces + block.
 typedef struct {
   int first, step;
 } SumPlace;
@@ -131,8 +132,8 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
   return count;
 }
 
-// Adds the sums of a turn over the blocks, in their order, and writes the gradient of each splat to its slot. Of
-// work-items 0 .. 4 kTurn - 1, three of each four process one splat, with four values each.
+// Adds the sums of a turn over the blocks, in their order, and writes the gradient of each splat to its slot. Each
+// splat has four consecutive work-items, of which three process four values each.
 UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int count, int item,
                         UBS_SLOTS(UBS_GLOBAL float*)) {
   int place = item / 4, part = item % 4, k = first + place;

@@ -44,8 +44,8 @@ typedef struct {
   uint votes[2][kVotes];
 } ForwardShared;
 
-// After a barrier, `votes` contains the blocks that have an open pixel. Without ballot the votes must be 0 before the
-// call.
+// Records in `votes` which blocks have an open pixel. The result is complete after a barrier. Without ballot the votes
+// must be 0 before the call.
 UBS_FN void vote_open(UBS_LOCAL uint* votes, int open, TilePixel pixel, int item) {
 #if UBS_BALLOT
   (void)pixel;
@@ -63,7 +63,7 @@ UBS_FN uint open_blocks(UBS_LOCAL const uint* votes) {
   return blocks;
 }
 
-// The result of a pixel for the splats in front of some position of its list.
+// The state of a pixel after the splats in front of some position of its list.
 typedef struct {
   float open;              // transmittance if the pixel is still open, else 0
   float rest;              // transmittance after the last composited splat

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the gradient of each projected splat: the sum of its slots, one per tile that it reaches, in slot order. The
-// slots contain gradients already. 16 consecutive work-items process one splat, and 12 of them read, so that a slot is
-// one coalesced read. A splat with more than kWideSplat slots would take as long as all others together. Therefore the
-// whole work-group adds it in kSumParts parts; part k consists of every kSumParts-th slot from the k-th on, and the
-// parts are added in their order.
+// slots contain gradients already. 16 consecutive work-items process one splat; 12 of them read the 12 values of a
+// slot, which is one coalesced read. A splat with more than kWideSplat slots would take as long as all others together.
+// Therefore the whole work-group adds it in kSumParts parts; part k consists of every kSumParts-th slot from the k-th
+// on, and the parts are added in their order.
 
 #ifndef UBS_SUM_GROUP_GPU
 #define UBS_SUM_GROUP_GPU 64

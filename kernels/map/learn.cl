@@ -32,8 +32,8 @@ UBS_FN void project_backward_adam_items(uint item, SplatsInView view, UBS_GLOBAL
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
       if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
       size_t at = (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-      // The parameters are read again, because keeping all of them together with all gradients would spill registers (6
-      // % of the pass).
+      // The parameters are read again, because keeping all of them together with all gradients would spill registers
+      // (6 % of the pass).
       vreal param = UBS_LOAD(params + (size_t)k * view.stride + first);
       vreal value = in.contributing ? gradient.e[k] : V(0.0);
       if (accumulate) value += UBS_LOAD(v_params + at);

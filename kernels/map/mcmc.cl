@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Relocation and growth (method.md 4.3), one work-item per splat. The copies of each source are counted with integer
-// atomics, whose result does not depend on the order. The kernels are compiled with UBS_VW = 1, because the copies
-// gather from anywhere, and because relocations are rare. Order of the kernels:
+// atomics, whose result does not depend on the order. The kernels are compiled with UBS_VW = 1, because copies read
+// from arbitrary splats, and because relocations are rare. Order of the kernels:
 //   weights -> prefix sum -> draw -> sources -> copies
 
 // alive_only: relocation samples live splats only, so that weight 0 marks the dead ones.
@@ -39,9 +39,9 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   sources[i] = UBS_NO_SOURCE;
   if (weights && (weights[i] != 0 || total == 0)) return;
   RandomWords words = random_words(seed0, seed1, iteration0, iteration1, purpose, i);
-  // The high word of 64 random bits times n is uniform on 0 .. n - 1, except for a relative error of n / 2^64 (5e-6 for
-  // six million splats of opacity 1). Growth must fill its slots even if every opacity is zero or NaN; then all splats
-  // have the same probability.
+  // The upper half of the product of 64 random bits and n is uniform on 0 .. n - 1, except for a relative error of
+  // n / 2^64 (5e-6 for six million splats of opacity 1). Growth must fill its slots even if every opacity is zero or
+  // NaN; then all splats have the same probability.
   ulong ticket = ubs_mul_hi64((ulong)words.x << 32 | words.y, total > 0 ? total : count);
   uint source = total > 0 ? find_share(prefix, count, ticket) : (uint)ticket;
   sources[i] = source;

@@ -96,7 +96,8 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, u
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
   // With one lane (GPUs) the check comes first, because later it would keep all parameters in registers. With wide
-  // lanes the parameters are in memory anyway, and the check is 4 % faster where other instructions wait.
+  // lanes the parameters are in memory anyway, and it is 4 % faster to check after the projection, while other
+  // instructions wait.
   vmask within;
   if (UBS_VW == 1) within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw, sight, thin));
@@ -167,7 +168,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #endif
 
 #if !UBS_FORWARD_ONLY
-// The summed gradients of projected splats, and whether they are not zero.
+// The summed gradients of projected splats, and in which lanes they are not zero.
 typedef struct {
   SplatImageVjp v;
   vmask contributing;

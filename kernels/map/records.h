@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads and writes records of 16 reals per splat for UBS_VW consecutive splats at once; field k of all lanes is one
-// vreal. With 16 lanes the two layouts are transposes of each other, and the transposition is done in registers,
-// because element by element through memory it would stall on store forwarding. With one lane, records are accessed in
-// words of four reals; neighbouring lanes of a GPU then access words that are 64 bytes apart.
+// vreal. With 16 lanes the two layouts are transposes of each other. The transposition is done in registers, because a
+// transposition through memory, element by element, would stall on store forwarding. With one lane, records are
+// accessed in words of four reals; neighbouring lanes of a GPU then access words that are 64 bytes apart.
 
 typedef struct {
   vreal field[16];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Blends one splat into one pixel: the spatial kernel, alpha, front-to-back compositing, and the gradient of these
-// (method.md 2.6, 3.1). All rasterisers use these functions. The lanes of a vector are pixels, and d = splat
-// mean - pixel centre.
+// (method.md 2.6, 3.1). All rasterisers use these functions. The lanes of a vector are pixels, and d is the mean of the
+// splat minus the pixel centre.
 // The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
 // UBS_ALPHA_MIN a splat contributes only where alpha exceeds that limit.
 // The macros UBS_NO_V_SHAPE, UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR say that the gradient of mean and

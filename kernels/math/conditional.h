@@ -61,8 +61,8 @@ typedef struct {
 } SliceVjp;
 
 // Returns ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)) for u >= 0, which avoids the cancellation in 1 - tanh u. For
-// small u the term ln 2 cancels instead, which becomes visible with exponents above 1e4. Therefore u < 1/4 uses -u - ln
-// cosh u, with the series of ln cosh (error 5e-11 at 1/4).
+// small u the term ln 2 cancels instead, which becomes visible with exponents above 1e4. Therefore, for u < 1/4, the
+// result is computed as -u - ln(cosh u), with the series of ln(cosh u) (error 5e-11 at 1/4).
 UBS_FN Several log_one_minus_tanh(Several u, int count) {
   Several far;
   UBS_EACH(k, count) far.e[k] = V(-2.0) * u.e[k];

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exponentials, logarithms, softplus and sigmoid of vreal, with the cancellations near special points avoided. For
-// float vectors (UBS_VW > 1, on CPU devices) they are our own polynomials, because PoCL splits log, log2 and pow into
-// scalar calls (17x slower with 16 lanes), and its exp is slower as well. Otherwise they are library functions.
+// Exponentials, logarithms, softplus and sigmoid of vreal, which are accurate even where the plain formulas would
+// cancel. For float vectors (UBS_VW > 1, on CPU devices) they are our own polynomials, because PoCL splits log, log2
+// and pow into scalar calls (17x slower with 16 lanes), and its exp is slower as well. Otherwise they are library
+// functions.
 #pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #define UBS_POLYNOMIAL_LOG 1
 #endif
 
-#ifndef UBS_MATH  // values as in Approximation::math: 0 exact, 1 native, 2 rough
+#ifndef UBS_MATH  // values as in MathMode: 0 exact, 1 native, 2 rough
 #define UBS_MATH 0
 #endif
 
@@ -127,7 +128,7 @@ UBS_FN Several log1p_several(Several x, int count) {
 }
 
 // exp(x) for x <= 88.37, with a relative error of 8.2e-8: x = n ln 2 + r, with ln 2 split into two parts. The result is
-// 0 below -87.33, where denormals begin. For the NaN that arithmetic produces it is NaN.
+// 0 below -87.33, where denormals begin. A NaN that results from arithmetic gives NaN.
 UBS_FN Several exp_several(Several x, int count) {
   Several shifted, r, p;
   UBS_EACH(k, count) shifted.e[k] = fma(x.e[k], (vreal)(UBS_LOG2E), V(12582912.0));

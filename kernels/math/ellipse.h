@@ -10,8 +10,8 @@
 // - The frame is projected as a factor, A = T M. By Cauchy-Binet, det(A K_s A^T) = n^T adj(K_s) n with the minors
 //   n = a_0 x a_1 of A; for K = I this is a sum of squares.
 // - K = K_s + K_a is split into its symmetric and its skew part. K_a only has an effect in mode `upper`. There it adds
-//   a symmetric matrix E, the mirrored triangle of M K_a M^T on the image. For 2 x 2 matrices, det(S + E + eps I) = det
-//   S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps).
+//   a symmetric matrix E, the mirrored triangle of M K_a M^T on the image. For 2 x 2 matrices,
+//     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps).
 // - Gradients are passed in and out in the coordinates of the ellipse (EllipseVjp), in which the ellipse is the unit
 //   circle.
 // The remaining error is as large as the effect of half an ulp of the parameters
@@ -205,7 +205,7 @@ typedef struct {
   FrameVec along;
   FrameMat k;
 #ifdef UBS_COUPLED_FACTOR
-  ShrinkVjp shrink;  // v_K again, by its factors
+  ShrinkVjp shrink;  // v_K as factors
 #endif
 } EllipseInputVjp;
 
@@ -234,7 +234,7 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   vreal h[2][UBS_F];
   ImageMap lt;
   // Row 0 of L is l00 (1, -b/c), so the long axis would cancel in l00 a_0 + l01 a_1. With kappa = K_s a_1 and mu = M
-  // kappa,
+  // kappa, this sum is computed from
   //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest()) + eps a_0 + e_c a_0 - e_b a_1; for T with mu x (t_0 x t_1).
   ImageFrame ak = frame_shrink(f.a, k);
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);

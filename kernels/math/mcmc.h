@@ -14,7 +14,7 @@
 #define UBS_RAW_OPACITY_MIN R(-5.2933048247244923)
 #define UBS_RAW_OPACITY_MAX R(15.942385033669446)
 
-// Replaces the index of a source where a slot receives no copy.
+// The value that replaces the index of a source for a slot that receives no copy.
 #define UBS_NO_SOURCE 0xffffffffu
 
 // Returns the weight of a splat for sampling. Weights are integers, o * 2^24 rounded to the nearest, so that their sum

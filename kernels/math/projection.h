@@ -17,7 +17,7 @@ typedef struct {
   Vec3 p;               // conditional mean in the camera frame
   vreal x, y;           // its image [px]
   vmask clamped_x, clamped_y;  // the mean is outside the frustum, and the linearisation is clamped to its limit
-  ImageMap j;           // T = J R_wc: image plane by world
+  ImageMap j;           // T = J R_wc, from the world to the image plane
   Ellipse ellipse;
   vmask valid;
 } Projected;

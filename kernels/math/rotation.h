@@ -122,8 +122,8 @@ UBS_FN RotationFactors rotation_factors(vreal t) {
     k.dg = k.df;
     return k;
   }
-  // Below t = 1 the closed forms cancel (the derivatives like 1/t). There the series sum (-t)^k / (2k+1)! and sum
-  // (-t)^k / (2k+2)! are used, which are exact to double precision with nine terms.
+  // Below t = 1 the closed forms lose digits by cancellation (the derivatives in proportion to 1/t). There the series
+  // sum (-t)^k / (2k+1)! and sum (-t)^k / (2k+2)! are used, which are exact to double precision with nine terms.
   const real odd[9] = {R(1.0),
                        R(0.16666666666666666667),
                        R(0.0083333333333333333333),

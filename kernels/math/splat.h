@@ -494,7 +494,7 @@ UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v
 UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, sight, thin);
   SplatRaw out;
-  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // sums, because entries appear in both halves of L
+  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // start at 0: entries are added from both halves of L
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) out.e[k] = V(0.0);
   Vec3 v_colour;
   v_colour.e[0] = v.r;

@@ -314,7 +314,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 
 #if !UBS_FORWARD_ONLY
 #if UBS_VW > 1
-// Sums the lanes of each of four vectors over the parts; the result has (a, b, c, d) in each group of four lanes.
+// Sums each of four vectors within each group of four lanes. Each group of the result contains the sums (a, b, c, d).
 UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
   vreal ab = unpack_low(a, b) + unpack_high(a, b);
   vreal cd = unpack_low(c, d) + unpack_high(c, d);

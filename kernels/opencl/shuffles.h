@@ -25,7 +25,7 @@ UBS_FN float16 interleave_low(float16 a, float16 b) {
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
-// Return the groups of four with an even number of both vectors, or those with an odd number.
+// Return the groups of four lanes of both vectors that have an even number, or those that have an odd number.
 UBS_FN float16 even_fours(float16 a, float16 b) {
   return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
 }
