@@ -8,7 +8,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr std::size_t kMaxPending = 4096;  // limit of timed intervals whose events are kept
+constexpr std::size_t kMaxPending = 4096;  // maximum number of timed intervals whose events are kept
 
 char* pointer_in(const Memory& memory, std::size_t offset) {
   return static_cast<char*>(static_cast<const CudaMemory&>(memory).pointer()) + offset;

@@ -128,7 +128,8 @@ class CudaDevice final : public Device, public TunableDevice {
     return pointer;
   }
 
-  // Makes an asynchronous call, enclosed by two events when profiling. An error message contains the name.
+  // Makes an asynchronous call, enclosed by two events when profiling. If the call fails, the error message
+  // contains `name`.
   template <typename Call>
   void timed(const char* name, const Call& call) {
     make_current();
@@ -156,7 +157,7 @@ class CudaDevice final : public Device, public TunableDevice {
   std::unique_ptr<Staging> staging_;
   UploadRing uploads_;
   ReadBlocks reads_;
-  EventHandle given_;  // copy_async(): marks the work enqueued on the stream before it
+  EventHandle given_;  // marks, for copy_async(), the work that was enqueued before it
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
   std::map<std::string, LoadedProgram> modules_;  // by file and options

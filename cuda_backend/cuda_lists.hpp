@@ -22,7 +22,7 @@ class Lists {
  private:
   struct ElementCount {
     u32 most;
-    BufferView<u32> counted = {};  // (1), only for upper bounds
+    BufferView<u32> counted = {};  // one element; only used if `most` is an upper bound
   };
   struct Job {
     const BuildLists& lists;
@@ -34,9 +34,9 @@ class Lists {
 
   CudaDevice& device_;
   ListKernels kernels_;
-  Buffer<u64> before_;  // sums of AddCounts
+  Buffer<u64> before_;  // packed counts (AddCounts)
   Buffer<std::uint64_t> totals_;
-  Buffer<u32> drawn_, pairs_;                    // (1) each, only for upper bounds
+  Buffer<u32> drawn_, pairs_;                    // one element each; only used with upper bounds
   Buffer<u32> visible_;                          // indices of the splats to sort, ascending, with their keys_
   Buffer<u32> keys_, keys_sorted_, order_;       // for the visible splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // for the intersections

@@ -27,7 +27,7 @@ class Projection {
   std::size_t rows_;  // number of parameter rows
   ProjectKernels project_;
   CameraKernels camera_;  // set at the first use
-  unsigned block_;        // threads
+  unsigned block_;        // threads per block
 };
 
 }  // namespace ubs::cuda

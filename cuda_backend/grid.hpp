@@ -44,7 +44,7 @@ class MapKernels {
   CudaDevice& device_;
   std::function<Table()> find_;
   std::optional<Table> table_;
-  unsigned block_;  // threads
+  unsigned block_;  // threads per block
 };
 
 // Computes exclusive prefix sums.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Selects the kernels for a configuration: those compiled ahead of time for the default variant, or a program
-// that is compiled at run time (docs/cuda.md). If UBS_KERNEL_DIR replaces the sources, all kernels that can
-// be compiled at run time are.
+// that is compiled at run time (docs/cuda.md). If UBS_KERNEL_DIR replaces the sources, all kernels for which
+// this is possible are compiled at run time.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"

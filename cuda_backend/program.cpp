@@ -18,7 +18,7 @@ std::string included_name(const std::string& line) {
   return line.substr(kInclude.size(), line.find('"', kInclude.size()) - kInclude.size());
 }
 
-// Adds the files that are included on either side of every #if; unused ones cost nothing.
+// Adds all included files, regardless of any #if around them. Files that are not used cost nothing.
 void add_headers(const std::string& text, std::vector<SourceText>& headers) {
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {

@@ -76,8 +76,8 @@ class CudaRead final : public PendingRead {
 };
 
 // Pinned copies of whole arrays, which are uploaded on a separate stream. Unlike the slots above they are as
-// large as the arrays, because waiting for a free slot would wait for the very stream that the uploads run in
-// parallel with.
+// large as the arrays, because waiting for a free slot would mean waiting for the stream that the uploads run
+// in parallel with.
 class UploadRing {
  public:
   // Returns as soon as `from` may be changed. Waits for the upload before the last one.

@@ -19,7 +19,7 @@ enum class ErrorKind {
   memory,     // predicted or actual lack of memory                       exit 6
   numerical,  // a non-finite value that must not pass silently           exit 7
   faulty,     // a device that computes wrong results (docs/check.md)     exit 10
-  internal,   // an error in ubs itself: please report it                    exit 1
+  internal,   // an error in ubs itself: please report it                 exit 1
 };
 
 int exit_code(ErrorKind kind);

@@ -29,8 +29,9 @@ constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 *
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
 // Returns the smallest limit of a group and the groups above it. A missing file, the word "max", and the
-// value that version 1 uses instead of it, 2^63 less a page, mean that there is no limit. In a container, the
-// names may be those outside of it; the root that the container sees is then its own group.
+// value that version 1 uses instead of it, 2^63 minus one page, mean that there is no limit. In a container,
+// the names of the groups may be those outside the container; the root that the container sees is then its
+// own group.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
   std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {

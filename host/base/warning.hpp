@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages of the library to the user, one line each. Warnings say what ubs has to do without; notices
-// announce work that takes time. They go to one function of the process: that of the executable writes to
-// stderr; programs that use the library set their own.
+// Messages of the library to the user, one line each. Warnings report that ubs continues without something
+// that is missing or does not work; notices announce work that takes time. They go to one function of the
+// process: that of the executable writes to stderr; programs that use the library set their own.
 #pragma once
 
 #include <fmt/format.h>

@@ -46,8 +46,8 @@ class Communicator {
   bool first() const { return rank() == 0; }
   // Returns the value of the first rank on all ranks.
   std::uint64_t of_first(std::uint64_t value);
-  // Each number must be set on one rank and be +0 on all others. Afterwards all ranks have exactly that
-  // number.
+  // Combines numbers of which each is set on one rank and is +0 on all others. Afterwards all ranks have
+  // exactly these numbers.
   void merge(std::span<float> values);
   // Returns the texts of all ranks on all ranks.
   std::vector<std::string> all_texts(const std::string& text);

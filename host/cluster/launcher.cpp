@@ -5,8 +5,8 @@
 
 namespace ubs {
 
-// The variables are set by Open MPI's mpirun, and by MPICH's or by Slurm with pmi2. Slurm with pmix only
-// reports the rank.
+// Open MPI's mpirun sets the first variable. MPICH's mpirun, and Slurm with pmi2, set the second one. Slurm
+// with pmix only reports the rank.
 int launched_ranks() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"})
     if (const char* value = std::getenv(name)) return std::atoi(value);

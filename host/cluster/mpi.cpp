@@ -70,7 +70,7 @@ class MpiRanks final : public Communicator {
   }
 
  private:
-  static constexpr int kNumbers = 32767;  // largest number of a message; every MPI supports this many
+  static constexpr int kNumbers = 32767;  // largest message number (tag); every MPI supports it
 
   // The sizes of the pieces are sent before them. All ranks start exchanges in the same order, so that the
   // number of an exchange identifies it if several are pending.
@@ -133,7 +133,8 @@ class MpiRanks final : public Communicator {
   }
 
   // There may be more ranks than cores, and a device's threads run on the same cores. Therefore, after a
-  // short time of polling, the wait sleeps between polls, for longer the longer it has waited.
+  // short time of polling, this function sleeps between polls. The sleeps become longer with the waiting
+  // time.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
     const Stopwatch watch;

@@ -15,7 +15,7 @@
 
 namespace ubs {
 
-// Fails if stages without a backward pass are asked for a training stage.
+// Fails if a training stage is called on stages that were created without a backward pass.
 inline void check_backward(const KernelConfig& config, const char* stage) {
   if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
 }

@@ -112,7 +112,7 @@ class ParameterStages {
   }
 
   Device& device_;
-  std::size_t rows_, trained_rows_;  // rows of all parameters; of the trained ones
+  std::size_t rows_, trained_rows_;  // number of rows of all parameters, and of the trained ones
   Kernels step_, draws_;
   Sums sums_;
   Buffer<u32> weights_, copy_counts_, source_ids_, totals_;

@@ -282,9 +282,9 @@ struct AdamStep {  // method.md 4.2
   BufferView<float> learning_rates;  // (parameter rows, including those that are not trained)
   float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
   std::uint64_t step = 1;  // 1-based, for the bias correction
-  // in/out (1), or empty: no check. If a new value is not finite, the sentinel changes from 0 to `stamp` (>
-  // 0), and the parameter keeps its old value, while its moments are updated. A step that finds the stamp of
-  // another step changes nothing.
+  // in/out (1), or empty: no check. If a new value is not finite, the sentinel changes from 0 to `stamp`,
+  // which must be above 0. The parameter keeps its old value, while its moments are updated. A step that
+  // finds the stamp of another step changes nothing.
   BufferView<std::uint32_t> sentinel;
   std::uint32_t stamp = 0;
 };
@@ -323,7 +323,7 @@ struct AddNoise {  // method.md 4.3 step 3
 struct SamplingWeights {  // method.md 4.3: integer weights with which sources are drawn
   SplatView splats;
   bool alive_only = false;                         // dead splats get weight 0
-  BufferView<std::uint32_t> weights, copy_counts;  // out (count): weights; 0
+  BufferView<std::uint32_t> weights, copy_counts;  // out (count): the weights; copy_counts become 0
 };
 struct SplitSources {  // divides the opacity of sources with copies; resets their moments
   SplatView splats;
@@ -337,7 +337,7 @@ struct SplitSources {  // divides the opacity of sources with copies; resets the
 struct PlaceDrawn {  // waits, and returns the number of visible splats
   std::uint32_t count = 0;
   BufferView<std::uint32_t> tile_counts;
-  BufferView<std::uint32_t> places;  // out (count + 1): number of visible splats among those before
+  BufferView<std::uint32_t> places;  // out (count + 1): number of visible splats before each splat
 };
 struct PickDrawn {
   std::uint32_t count = 0;
@@ -425,7 +425,7 @@ Outcome run_case(const Operation& operation, Cases... cases) {
       operation);
 }
 
-// Back ends implement `run`, and so do classes that wrap other stages. Callers use the functions with names.
+// Back ends implement `run`, and so do classes that wrap other stages. Callers use the named functions below.
 class Stages {
  public:
   virtual ~Stages() = default;

@@ -20,7 +20,8 @@ std::uint32_t cores_for_groups(const OpenclDevice& device);
 
 // Returns the value of UBS_CORE_SHARES, the share of each core: "0,0,1" means share 0 for core 0 and share 1
 // for core 2. cores: the cores that the process may use, in ascending order. Returns an empty string if the
-// remainders of their numbers modulo `shares` already differ.
+// remainders of their numbers modulo `shares` already differ, because the kernels use the remainders by
+// default.
 std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares);
 
 // Launches the kernels of a stage in groups of one work-item. With 0 cores, the driver distributes the

@@ -25,9 +25,9 @@ void check_blast(clblast::StatusCode code, const char* call) {
 
 // Sets the constants of CLBlast for CPUs. CLBlast has tuned constants for GPUs. Its defaults for other
 // devices share tiles through local memory and reach 8 GFLOP/s on PoCL (two cores with AVX-512, with other
-// load). If each work-item computes 4 x 4 vectors in registers and uses no local memory, a product of
-// 64 x 1024 x 576 reaches 149 GFLOP/s, and 37 with the inner loop unrolled by 2. Only CLBlast's kernel for large products has
-// these constants, so it is used for small products as well.
+// load). If each work-item computes 4 x 4 vectors in registers and uses no local memory, a product of 64 x
+// 1024 x 576 reaches 149 GFLOP/s, and 37 with the inner loop unrolled by 2. Only CLBlast's kernel for large
+// products has these constants, so it is used for small products as well.
 void tune_for_cpu(const OpenclDevice& device) {
   const std::size_t lanes = device.vector_width();
   const Parameters product{{"GEMMK", 0}, {"MWG", 4 * lanes}, {"NWG", 4},   {"KWG", 8},

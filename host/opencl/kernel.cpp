@@ -72,7 +72,7 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
   };
   for (const ParameterType& type : declared) {
     for (unsigned k = 0; k < type.times; ++k) check_next(type);
-    if (type.times > 1) check_next({"uint", false, false});  // the number of bits of slots
+    if (type.times > 1) check_next({"uint", false, false});  // slot_bits
   }
   if (index > 0 && index != argument_count_ && index + 2 != argument_count_)  // core groups add two arguments
     fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} are declared", name_, argument_count_,

@@ -69,7 +69,7 @@ class Lists {
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
-  Words drawn_, pairs_;  // (1) each, only for upper bounds
+  Words drawn_, pairs_;  // one element each; only used with upper bounds
   Words visible_, histogram_, starts_, ids_a_;
   // Chunks only: (key, index), sorted by the first digit, of the view of the last CountLists; and the range
   // of its keys.

@@ -271,7 +271,7 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   std::vector<std::string> options = spec.options;
   const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
   if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
-  if (synchronous_) options.push_back("-cl-kernel-arg-info");  // Kernel::check_types
+  if (synchronous_) options.push_back("-cl-kernel-arg-info");  // for Kernel::check_types()
   // PoCL's native functions are library functions. On Intel's CPU driver they are not single instructions,
   // and have errors of 1e-6.
   if (on_pocl_cpu_)

@@ -42,8 +42,8 @@ std::string language_features(cl_device_id device) {
   return names;
 }
 
-// Result of cl_khr_pci_bus_info. It and NVIDIA's cl_nv_device_attribute_query are not in all versions of the
-// headers.
+// Result of the extension cl_khr_pci_bus_info. Not all versions of the headers declare it and NVIDIA's
+// cl_nv_device_attribute_query.
 struct PciBusInfo {
   cl_uint domain, bus, device, function;
 };

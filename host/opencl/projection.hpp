@@ -37,7 +37,7 @@ class Projection {
   std::size_t group_;  // work-items per group; unused with core groups
   bool learns_in_one_pass_;
   KernelConfig config_;
-  std::size_t rows_, trained_rows_;  // rows of all parameters; of the trained ones
+  std::size_t rows_, trained_rows_;  // number of rows of all parameters, and of the trained ones
   CoreGroups core_groups_;
   KernelSet kernels_, camera_kernels_;
 };

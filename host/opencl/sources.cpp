@@ -8,8 +8,8 @@
 
 namespace ubs::opencl {
 
-// Adds each source once. The directive for this in the files is removed, because it is only valid in files
-// that are included.
+// Adds each source once. `#pragma once` is removed from the sources, because it is only valid in files that
+// are included.
 std::string assemble(const std::vector<std::string>& names) {
   constexpr std::string_view kOnce = "#pragma once";
   std::string text;
