@@ -23,10 +23,10 @@ std::string compiler_version();
 // capability: 90 for sm_90. Throws Error(build) with the compiler's log if the program does not compile.
 CompiledProgram compile_program(const ProgramSpec& spec, int capability);
 
-// Returns the binary of a program, from a cache file if possible. The cache folder is $UBS_KERNEL_CACHE, or
-// $XDG_CACHE_HOME/ubs, or ~/.cache/ubs; with UBS_KERNEL_CACHE=off there is no cache. The name of the file
-// depends on everything that the binary depends on: source text, options, capability and compiler. Cache
-// files may be deleted at any time, and a damaged file is compiled again.
+// Returns the binary of a program, from a cache file if possible. The cache folder is $UBS_KERNEL_CACHE if it
+// is set, otherwise $XDG_CACHE_HOME/ubs or ~/.cache/ubs; with UBS_KERNEL_CACHE=off there is no cache. The
+// name of the file depends on everything that the binary depends on: source text, options, capability and
+// compiler. Cache files may be deleted at any time, and a damaged file is compiled again.
 std::string cached_binary(const ProgramSpec& spec, int capability);
 
 }  // namespace ubs::cuda

@@ -30,8 +30,8 @@ inline std::vector<std::string> toolkit_names(const std::string& stem, const std
   return names;
 }
 
-// Opens the first library that is found under one of the names, for the rest of the process. Returns null if
-// there is none.
+// Opens the first library that is found under one of the names, and keeps it open for the rest of the
+// process. Returns null if there is none.
 inline void* open_first(std::span<const std::string> names) {
   for (const std::string& name : names)
     if (void* library = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL)) return library;

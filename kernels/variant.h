@@ -10,11 +10,11 @@
 #endif
 #define UBS_ROT_TAYLOR1 0
 #define UBS_ROT_TAYLOR2 1
-#define UBS_ROT_CAYLEY 2  // 3: exp
+#define UBS_ROT_CAYLEY 2  // the value 3 is exp
 #define UBS_ROT_QUATERNION 4
 
 #ifndef UBS_COV_PARAM
-#define UBS_COV_PARAM 0  // spatial_ortho
+#define UBS_COV_PARAM 0  // the value 0 is spatial_ortho
 #endif
 #define UBS_COV_CHOLESKY 1
 #define UBS_COV_SKEW_ND 2
@@ -35,7 +35,7 @@
 #ifndef UBS_COV_MODE
 #define UBS_COV_MODE 0
 #endif
-#define UBS_COV_WHITEN 1  // 0: upper
+#define UBS_COV_WHITEN 1  // the value 0 is upper
 
 #ifndef UBS_FALLOFF  // the switch `kernel`
 #define UBS_FALLOFF 0

@@ -54,7 +54,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
   }
   bool end_array() override { return close(std::move(open_.back().items)); }
   bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
-    fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // contains line and column
+    fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // what() contains line and column
   }
 
  private:
