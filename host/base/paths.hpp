@@ -12,9 +12,9 @@
 
 namespace ubs {
 
-// These follow links. A path that does not exist, or whose name is too long for the file system, is neither a
-// file nor a folder. They throw Error(data) if this cannot be determined: for a loop of links, or in a folder
-// that may not be searched.
+// These functions follow links. A path that does not exist, or whose name is too long for the file system, is
+// neither a file nor a folder. They throw Error(data) if this cannot be determined: for a loop of links, or
+// in a folder that may not be searched.
 bool path_exists(const std::filesystem::path& path);
 bool is_folder(const std::filesystem::path& path);
 bool is_regular(const std::filesystem::path& path);
@@ -28,7 +28,8 @@ std::vector<std::filesystem::path> folder_entries(const std::filesystem::path& f
 // Creates a folder and all folders above it. It is not an error if the folder exists already, unless it is a
 // file. Returns when the folders are on the disk.
 void make_folders(const std::filesystem::path& folder);
-// It is not an error if the path does not exist.
+// Remove a file or an empty folder, or a folder with everything in it. It is not an error if the path does
+// not exist.
 void remove_path(const std::filesystem::path& path);
 void remove_tree(const std::filesystem::path& path);
 

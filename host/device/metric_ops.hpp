@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // MetricOps is the interface between image metrics and a back end, in addition to Stages. Its operations are
 // the layers of a convolutional network, the distance of two images that is computed from their features
-// (LPIPS), and the SSIM of windows. Each operation is one virtual call, which enqueues the work and returns at
-// once. Images and features are planar, with consecutive rows: channel c starts at c * plane, where plane is
-// padded_plane(width * height). Buffers have kPlanePadding spare elements after the last plane, because
+// (LPIPS), and the SSIM of windows. Each operation is one virtual call, which enqueues the work and returns
+// at once. Images and features are planar, with consecutive rows: channel c starts at c * plane, where plane
+// is padded_plane(width * height). Buffers have kPlanePadding spare elements after the last plane, because
 // vectors of pixels are read across the ends of rows.
 #pragma once
 

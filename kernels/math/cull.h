@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Determines which 4x4 pixel blocks of a tile a splat reaches (lanes are splats). A splat reaches a block if
-// r < `reach` at a point of the rectangle that the block's pixel centres span. `reach` is the radius of the support, or
-// of the part of it in which alpha is above the limit. The test is exact up to UBS_CULL_MARGIN: it computes the
-// smallest r over the rectangle.
-// d = splat mean - point. Over a block, d runs over [near - 1.5, near + 1.5] in x and in y.
+// r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to the mean,
+// and `reach` is the r at which the support ends, or at which alpha falls below its limit. The test is exact up to
+// UBS_CULL_MARGIN: it computes the smallest r over the rectangle.
+// d is the mean of the splat minus a point. Over a block, d runs over [c - 1.5, c + 1.5] in x and in y, where c is its
+// value at the centre of the block.
 #pragma once
 
 // r is compared with reach * (1 + margin). The margin covers the rounding of r here and in blend_alpha() (relative

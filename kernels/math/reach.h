@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the radius r at which the alpha o (1 - r)^beta of a splat falls to the smallest alpha that contributes
-// (UBS_LEAST_ALPHA). Only the part of the support within this radius affects the image. The result is never too small:
-// it also covers alphas that rounding lifts above the limit.
+// Computes the squared distance r at which the alpha o (1 - r)^beta of a splat falls to the smallest alpha that
+// contributes (UBS_LEAST_ALPHA). Only the part of the support within this distance affects the image. The result is
+// never too small: it also covers alphas that rounding lifts above the limit.
 #pragma once
 
-// Requires opacity > 0. Beta: r = 1 - (limit / o)^(1 / beta); Gaussian: r = 2 ln(o / limit). The result is at most the
-// radius of the support, and 0 or negative if the splat has no effect anywhere. Used only with UBS_OPACITY_EXTENTS.
+// Requires opacity > 0. Beta: r = 1 - (limit / o)^(1 / beta); Gaussian: r = 2 ln(o / limit). The result is at most
+// UBS_SUPPORT, where the support ends, and 0 or negative if the splat has no effect anywhere. Used only with
+// UBS_OPACITY_EXTENTS.
 UBS_FN vreal splat_reach(vreal opacity, vreal beta) {
   // The rasteriser computes alpha with a relative error of at most 1.1e-5 (an exponent of at most 20, times ln 2, times
   // 7.5e-7; see kernels/math/elementary.h). So no alpha contributes if the exact alpha is below the limit by more than
