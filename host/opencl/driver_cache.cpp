@@ -48,8 +48,8 @@ std::vector<fs::path> entries_of(const fs::path& folder) {
   return entries;
 }
 
-// Programs are folders two levels below. PoCL touches the file `last_accessed` in a program's folder whenever
-// it uses the program.
+// Removes programs that have not been used for kUnusedAge, at most once per kTidyEvery. Programs are folders
+// two levels below. PoCL touches the file `last_accessed` in a program's folder whenever it uses the program.
 void remove_unused(const fs::path& folder) {
   std::error_code ignored;
   const fs::path stamp = folder / "tidied";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Kernel is a kernel of a built program, which is launched with checked arguments.
+// Kernel launches a kernel of a built program with checked arguments.
 #pragma once
 
 #include <cstdint>

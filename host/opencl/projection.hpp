@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection runs conditioning and projection, forward and backward (kernels/map/project.cl). The backward
-// pass exists with the step of the optimiser (learn.cl) and for the camera (camera.cl) as well.
+// Projection runs conditioning and projection, forward and backward (kernels/map/project.cl). It has two more
+// backward passes: one that includes the step of the optimiser (learn.cl), and one for the gradient of the
+// camera (camera.cl).
 #pragma once
 
 #include <string>

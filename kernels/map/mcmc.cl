@@ -49,7 +49,8 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   ubs_count(totals);
 }
 
-// Reduces the opacity of each source, so that it shares its effect with its copies, and resets its moments.
+// Reduces the opacity of each source, because its copies take over a part of its effect, and resets the moments of the
+// source.
 UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, UBS_GLOBAL const uint* copies,
                              UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
   uint i = UBS_GLOBAL_ID(0);
