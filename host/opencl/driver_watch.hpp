@@ -9,8 +9,8 @@
 
 namespace ubs::opencl {
 
-// Disables this permanently. For programs that use the library: they handle the end of the process
-// themselves, and several of their threads may call drivers.
+// Disables DriverWatch for the rest of the process. For programs that use the library: they handle the end of
+// the process themselves, and several of their threads may call drivers.
 void leave_drivers_alone() noexcept;
 
 // While a DriverWatch exists, and later in threads of the driver, such an end of the process is reported with

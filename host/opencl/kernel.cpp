@@ -61,7 +61,7 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
     clGetKernelArgInfo(kernel_.get(), index, CL_KERNEL_ARG_TYPE_QUALIFIER, sizeof qualifier, &qualifier,
                        nullptr);
     std::string compiled = text, wanted(type.name);
-    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* is reported as uint*
+    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* counts as uint*
     if (compiled.starts_with("real")) compiled.replace(0, 4, "float");
     if (type.pointer) wanted += '*';
     const bool constant = (qualifier & CL_KERNEL_ARG_TYPE_CONST) != 0;
