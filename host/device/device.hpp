@@ -133,7 +133,8 @@ class Device {
     peak_ = allocated_;
     peaks_ = by_label_;
   }
-  // Returns the device time per kernel since profiling was enabled; empty if it is disabled.
+  // set_profiling() enables or disables the measurement of device times. timings() returns the device time
+  // per kernel since it was enabled, or nothing if it is disabled.
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
   // Returns the programs built at run time; empty if kernels are compiled ahead of time.

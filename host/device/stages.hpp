@@ -157,8 +157,8 @@ struct SumSlots {  // adds the slots with mask != 0 of each splat, in a fixed or
   BufferView<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;
   BufferView<std::uint16_t> masks;
-  // Records of the splats. A rasteriser may leave factors that are the same in all slots of a splat to this
-  // stage.
+  // Records of the splats. If a factor is the same in all slots of a splat, a rasteriser may leave the
+  // multiplication with it to this stage.
   BufferView<float> records;
   // out (count, kGradStride), 0 after kGradB; 0 for splats without contribution
   BufferView<float> v_records;
@@ -273,7 +273,7 @@ struct Regularise {  // method.md 4.1: gradients of the parameter penalties, add
   BufferView<float> v_params;
   float opacity = 0;        // lambda_o: weight of the mean base opacity
   float scale = 0;          // lambda_s: weight of the mean spatial scale ("spatial_mean"); 0: off
-  std::uint32_t total = 0;  // number of splats of the means; 0: the number of these splats
+  std::uint32_t total = 0;  // number of splats that the means are over; 0: the splats passed here
 };
 
 struct AdamStep {  // method.md 4.2
@@ -290,8 +290,8 @@ struct AdamStep {  // method.md 4.2
 };
 
 // The last stages of a training step, starting from the summed gradient of its last view: ProjectBackward,
-// Regularise and AdamStep. The results are the same, but v_params are undefined afterwards, because CPUs do
-// everything in one pass and never write the gradient.
+// Regularise and AdamStep. The results are those of the three stages, except that v_params are undefined
+// afterwards, because CPUs do everything in one pass and never write the gradient.
 struct Learn {
   ProjectBackward gradient;
   Regularise penalty;

@@ -20,7 +20,8 @@ const std::vector<TunedConstant>& tuned_constants() {
       {"UBS_LOSS_TILE", 112, {48, 64, 80, 96}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_LOSS_STRIP", 4, {2, 8}, "gpu/loss.cl", cpu, {"image_loss"}},
       {"UBS_PREFETCH_AHEAD", 1, {2, 4, 8}, "map/project.cl", cpu, {"project_forward", "project_backward"}},
-      // With the tuner's 100K splats small distances look as good, but with 3M splats they cost the most.
+      // Small distances are equally fast with the tuner's 100K splats, but they are the slowest with 3M
+      // splats.
       {"UBS_LISTS_AHEAD", 96, {48, 64, 128}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_LISTS_BATCH", 1024, {256, 512, 2048}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},
       {"UBS_PLACES_BATCH", 512, {128, 256, 1024}, "opencl/tile_list_chunks.cl", cpu, {"lists"}},

@@ -63,7 +63,7 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
   return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * device.vector_width());
 }
 
-// Calls `then` with the arguments with which all kernels that use lists start.
+// Calls `then` with the arguments that come first in all kernels that use lists.
 template <typename Work, typename Then>
 void with_lists(const Work& work, const Then& then) {
   then(work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
