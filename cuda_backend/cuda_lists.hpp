@@ -37,7 +37,7 @@ class Lists {
   Buffer<u64> before_;  // packed counts (AddCounts)
   Buffer<std::uint64_t> totals_;
   Buffer<u32> drawn_, pairs_;                    // one element each; only used with upper bounds
-  Buffer<u32> visible_;                          // indices of the splats to sort, ascending, with their keys_
+  Buffer<u32> visible_;                          // ascending indices of the splats to sort; keys in keys_
   Buffer<u32> keys_, keys_sorted_, order_;       // for the visible splats
   Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // for the intersections
 };

@@ -41,8 +41,8 @@ class Staging {
   std::size_t next_ = 0;
 };
 
-// Small pinned blocks for copies that the host reads later. cudaMallocHost is too slow for every copy, so
-// that a block is reused after its reader has been destroyed.
+// Small pinned blocks for copies that the host reads later. cudaMallocHost is too slow to call for every
+// copy, so a block is reused after its reader has been destroyed.
 class ReadBlocks {
  public:
   struct Block {

@@ -16,9 +16,10 @@ std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
 // Returns the operations of image metrics other than PSNR and SSIM.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
-// Converts a choice of "cpu", "gpu" or "auto". The first rasteriser processes pixel blocks with explicit
-// vectors, the second one pixel per work-item. "auto" selects the first on CPUs and the second on all other
-// devices. Throws Error(usage) for "cpu" with CUDA, which only has the second.
+// Converts a choice of "cpu", "gpu" or "auto". RasterKind::cpu processes pixel blocks with explicit vectors,
+// RasterKind::gpu one pixel per work-item. "auto" selects RasterKind::cpu if the device has vectors of floats
+// (float_vector_width > 1), otherwise RasterKind::gpu. Throws Error(usage) for any other choice, and for
+// "cpu" with CUDA, which only has RasterKind::gpu.
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

@@ -45,7 +45,7 @@ class CoreGroups {
     if (groups == 0) return;  // an empty launch would not prepare the claims of the next one
     const Claims claims = next_claims();
     kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
-    ++launches_;  // not reached if a launch fails, because it has not prepared the claims of the next one
+    ++launches_;  // not reached if the launch fails: it then has not prepared the next claims
   }
 
  private:

@@ -11,7 +11,7 @@
 
 namespace ubs::opencl {
 
-// Gradient slots are UBS_SLOTS in a kernel, which are eight buffers and a number.
+// In a kernel, gradient slots are the parameters UBS_SLOTS: eight buffers and a number.
 using Slots = SlotViews;
 
 // ---- kernels/map ----

@@ -33,7 +33,7 @@ ProgramSpec parameter_program(std::vector<std::string> sources, unsigned width, 
   return spec;
 }
 
-// Adam, penalties and noise.
+// Returns the program for Adam, penalties and noise.
 ProgramSpec step_program(unsigned width, const KernelConfig& config) {
   return parameter_program(
       {"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
@@ -41,7 +41,7 @@ ProgramSpec step_program(unsigned width, const KernelConfig& config) {
       width, config);
 }
 
-// Includes the prefix sum of the weights.
+// Returns the program for relocation and growth, including the prefix sum of the weights.
 ProgramSpec draw_program(const KernelConfig& config) {
   ProgramSpec draws = parameter_program(
       {"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1, config);

@@ -280,7 +280,7 @@ UBS_UNROLL
   }
 }
 
-// Returns the window sums that start at each of UBS_VW columns of a row of sums.
+// Returns the sums of the windows that start at UBS_VW consecutive columns of a row of sums.
 UBS_FN vreal sum_window(UBS_LOCAL const real* row) {
   vreal sum = V(0.0);
 #if UBS_VW == 16 && defined(UBS_POCL)

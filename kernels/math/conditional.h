@@ -463,8 +463,8 @@ typedef struct {
 } CoupledVjp;
 
 // Backward pass of coupled_frame() and coupled_weights(). v: gradient of the frame M W^T; v_k: gradient of K',
-// expressed in that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of Lh^-1 dB Q^T and E = Lh^-1 diag(e)
-// Lh,
+// expressed in that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of Lh^-1 dB Q^T and
+// E = Lh^-1 diag(e) Lh,
 //   dW = -T^T U,  dG = S G + T + G T^T G,  K' = I + G^T E G.
 // With N = G v_K' G^T and v_G = E G v_K'^T + E^T G v_K' this gives
 //   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T).

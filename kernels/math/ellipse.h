@@ -233,8 +233,8 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
   ImageFrame wh;
   vreal h[2][UBS_F];
   ImageMap lt;
-  // Row 0 of L is l00 (1, -b/c), so the long axis would cancel in l00 a_0 + l01 a_1. With kappa = K_s a_1 and mu = M
-  // kappa, this sum is computed from
+  // Row 0 of L is l00 (1, -b/c), so the long axis would cancel in l00 a_0 + l01 a_1. With kappa = K_s a_1 and
+  // mu = M kappa, this sum is computed from
   //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest()) + eps a_0 + e_c a_0 - e_b a_1; for T with mu x (t_0 x t_1).
   ImageFrame ak = frame_shrink(f.a, k);
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
