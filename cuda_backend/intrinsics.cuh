@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions for which CUDA C++ has no function, or only one in headers that NVRTC does not include. With
-// UBS_CUDA_ON_HOST they are emulated, for the build that runs on the host (tests/cuda).
+// Functions for instructions that CUDA C++ makes available only in headers that NVRTC does not include, or
+// not at all. With UBS_CUDA_ON_HOST the instructions are emulated, for the build that runs on the host
+// (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST
 __device__ __forceinline__ float native_exp2(float y) { return cuda_on_host::exp2_approx(y); }

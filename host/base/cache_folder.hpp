@@ -28,8 +28,9 @@ std::filesystem::path temporary_cache();
 std::filesystem::path process_cache();
 
 // Returns `wanted` if cache_defect() finds no problem with it. Otherwise returns temporary_cache() and prints
-// this on stderr, once for each wanted folder. Returns an empty path if neither can be used; cache_defects()
-// then gives the reasons. An empty `wanted` means that the environment does not specify a folder.
+// a message on stderr, once for each wanted folder. Returns an empty path if neither can be used;
+// cache_defects() then gives the reasons. An empty `wanted` means that the environment does not specify a
+// folder.
 std::filesystem::path usable_cache(const std::filesystem::path& wanted);
 
 // Returns the problems found with such folders so far: "/a/b: Permission denied; /tmp/ubs-7: ...".
@@ -40,8 +41,7 @@ std::string cache_defects();
 // with UBS_KERNEL_CACHE=off, or if there is no usable folder; then nothing is cached.
 std::filesystem::path kernel_cache_folder();
 
-// Returns a 64-bit FNV-1a hash. Only for file names. A `seed` other than the default gives an independent
-// name.
+// Returns a 64-bit FNV-1a hash, for the names of files. A different `seed` gives an independent hash.
 std::uint64_t name_hash(std::string_view text, std::uint64_t seed = 0xcbf29ce484222325u);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// FolderLock locks a folder of results against other processes that would write there. It locks a file
-// ".ubs-lock" in the folder, which names the process that has the lock. The system releases the lock when
+// FolderLock locks a folder of results against other processes that would write there. It locks the file
+// ".ubs-lock" in this folder. The file says which process has the lock. The system releases the lock when
 // that process ends.
 #pragma once
 

@@ -33,8 +33,8 @@ class Lists {
 
  private:
   using Words = Buffer<std::uint32_t>;
-  // A number of elements: `most`, or, if it is only an upper bound, the value stored at `counted`, which is
-  // at most `most`.
+  // A number of elements. Without `counted` it is `most`. With `counted` it is the value stored there, and
+  // `most` is an upper bound.
   struct ElementCount {
     std::uint32_t most = 0;
     BufferView<std::uint32_t> counted = {};
@@ -71,8 +71,10 @@ class Lists {
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // one element each; only used with upper bounds
   Words visible_, histogram_, starts_, ids_a_;
-  // Chunks only: (key, index), sorted by the first digit, of the view of the last CountLists; and the range
-  // of its keys.
+  // The next three lines are for chunks only. CountLists writes the sums of the chunks to chunk_sums_, and
+  // (key, index) of the visible splats to counted_, sorted by the first digit of the key, which has
+  // first_bits_ bits. The later passes of the sort write to pairs_a_ and pairs_b_. least_ and largest_ are
+  // the range of the keys.
   Buffer<ChunkSums> chunk_sums_;
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;

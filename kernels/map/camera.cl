@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the gradient of a view's camera: kernels/math/splat.h with UBS_CAMERA_GRAD, summed over the splats.
+// Computes the gradient of a view's camera. Each splat's share is computed with kernels/math/splat.h and
+// UBS_CAMERA_GRAD, and the shares are summed.
 
 UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   Sight sight = sight_ahead(camera, raw);

@@ -27,8 +27,9 @@ typedef struct {
   vmask passes;    // inside, and alpha is below its maximum: the gradient is not zero
 } BlendAlpha;
 
-// blend_alpha() in two halves, which take about the same time. Rasterisers that start a splat before they finish the
-// previous one call them separately. The first half fills p, q, r, log2_1mr and inside.
+// blend_begin() and blend_end() are the two halves of blend_alpha() and take about the same time. Rasterisers that
+// start a splat before they finish the previous one call them separately. The first half fills p, q, r, log2_1mr and
+// inside.
 UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
   a.p = ubs_fma((vreal)(s.l00), dx, s.l01 * dy);

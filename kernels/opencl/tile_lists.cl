@@ -77,9 +77,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
   if (me == 0) sums[get_group_id(0)] = (uint)total;
 }
 
-// Writes the intersections. The work is balanced for rectangles of any size: a work-item finds its splat by bisection,
-// first for the group as a whole, then between the ends of the group (on average among 256 / t candidates, where t is
-// the number of tiles per splat).
+// Writes the intersections. The work is balanced for rectangles of any size: a work-item finds its splat by bisection.
+// First the group finds the splats of its first and its last intersection; then each work-item searches between these
+// two (on average among 256 / t candidates, where t is the number of tiles per splat).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
