@@ -20,8 +20,8 @@
 // ---- Parameters: row k of splat i is params[k * stride + i]; the rows have the same order as in the model file ----
 enum {
   kRowXyz = 0,
-  // rgb; or the three constant terms of the spherical harmonics, followed by the other terms by channel, or by the
-  // lobes
+  // The rows of the colour. With rgb these are its three values. Otherwise they start with the three constant terms of
+  // the spherical harmonics (sh0). After these come the other terms, channel by channel, or the six rows of each lobe.
   kRowRgb = 3,
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Checks of the arguments of stages, which every back end makes before it launches anything. They cover the
-// contracts of stages.hpp that do not depend on the device. A violation is an error in the pipeline, hence
-// Error(internal).
+// contracts of stages.hpp that do not depend on the device. They throw Error(internal), because a violation
+// is an error in the pipeline.
 #pragma once
 
 #include <algorithm>

@@ -45,8 +45,7 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 
 // UBS_APART stands at the start of a large function that a kernel calls, and keeps the function from being inlined.
 // PoCL compiles three copies of each kernel and inlines all called functions in each of them. It cannot inline a
-// function that contains a computed jump, so that there is only one copy of it. Compilation then takes a third of the
-// time.
+// function that contains a computed jump, so there is only one copy of it, and compilation takes a third of the time.
 #ifdef UBS_POCL
 #define UBS_APART                               \
   {                                             \
