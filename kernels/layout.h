@@ -21,7 +21,8 @@
 enum {
   kRowXyz = 0,
   // The rows of the colour. With rgb these are its three values. Otherwise they start with the three constant terms of
-  // the spherical harmonics (sh0). After these come the other terms, channel by channel, or the six rows of each lobe.
+  // the spherical harmonics (sh0). After these come either the other terms, channel by channel, or the six fields of
+  // the lobes, field by field (lobe_row() of math/colour.h).
   kRowRgb = 3,
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel

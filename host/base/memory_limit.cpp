@@ -21,8 +21,8 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
 // Memory that a driver needs in addition to what the process uses after listing the devices, without large
-// buffers: 206 MiB of private memory while kernels are compiled (N = 7; 25 with kernels from the cache), and
-// 87 MiB of address space (PoCL 3.1 with LLVM 14, x86-64, two cores).
+// buffers. With PoCL 3.1 and LLVM 14 (x86-64, two cores) it is 206 MiB of private memory while kernels for
+// N = 7 are compiled (25 MiB if the kernels come from the cache), and 87 MiB of address space.
 constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
 // Address space for its libraries and threads: with 264 MiB of address space left PoCL lists no device, with
 // 314 MiB it does.

@@ -83,8 +83,8 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
   }
 }
 
-// Returns the number of elements of a work-item. It is `chunk`, or, if only the device knows the number of elements, an
-// equal share of them, rounded up to whole cache lines.
+// Returns the number of elements of a work-item. This is `chunk` if the host knows the number of elements. If only the
+// device knows it, the elements are divided equally, rounded up to whole cache lines.
 static inline uint listed_chunk(uint chunk, uint count, __global const uint* counted) {
   const size_t items = get_global_size(0);
   return counted ? ((uint)max((size_t)1, (count + items - 1) / items) + 15) & ~15u : chunk;
@@ -154,8 +154,8 @@ UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks
   }
 }
 
-// The same in a single work-item, with `starts` as the prefix sums of the totals. Used for histograms that are so small
-// that launches dominate the time of the scan.
+// Does the same as column_scan in a single work-item, and writes the prefix sums of the totals to `starts`. Used for
+// histograms that are so small that launches dominate the time of the scan.
 UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chunks, uint bins,
                                     __global uint* restrict starts) {
   for (uint b = 0; b < bins; b++) starts[b] = 0;
