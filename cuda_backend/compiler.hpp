@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compiler of programs at run time: NVRTC (nvrtc.cpp), which is looked for when the first program is
-// wanted. It needs no GPU.
+// The compiler of programs at run time: NVRTC (nvrtc.cpp). The library is opened when the first program is
+// compiled, and needs no GPU.
 #pragma once
 
 #include <span>
@@ -11,21 +11,22 @@
 namespace ubs::cuda {
 
 struct CompiledProgram {
-  std::string binary;  // machine code, or PTX for a capability that this NVRTC does not know yet
-  std::string log;     // registers and spills of each kernel, warnings
+  std::string binary;  // machine code; PTX if this NVRTC does not know the capability yet
+  std::string log;     // registers and spills of each kernel, and warnings
 };
 
-// The first library of the names that is an NVRTC no newer than the driver (toolkit_names() in
-// dynamic_library.hpp). Throws Error(device) saying what is there and what to install.
+// Opens the first of the named libraries that is an NVRTC no newer than the driver (toolkit_names() in
+// dynamic_library.hpp). Otherwise throws Error(device), saying what was found and what to install.
 void* open_nvrtc(std::span<const std::string> names, int driver);
-// Name and version. Throws Error(device) saying what to install when there is no NVRTC.
+// Returns name and version. Throws Error(device), saying what to install, if there is no NVRTC.
 std::string compiler_version();
-// capability: 90 for sm_90. Throws Error(build) with the compiler's log.
+// capability: 90 for sm_90. Throws Error(build) with the compiler's log if the program does not compile.
 CompiledProgram compile_program(const ProgramSpec& spec, int capability);
 
-// The binary alone, kept in $UBS_KERNEL_CACHE, else $XDG_CACHE_HOME/ubs, else ~/.cache/ubs ("off": nowhere),
-// in a file named by all that it depends on: text, options, capability, compiler. A file may be deleted at
-// any time; one that is damaged is made again.
+// Returns the binary of a program, from a cache file if possible. The cache folder is $UBS_KERNEL_CACHE if it
+// is set, otherwise $XDG_CACHE_HOME/ubs or ~/.cache/ubs; with UBS_KERNEL_CACHE=off there is no cache. The
+// name of the file depends on everything that the binary depends on: source text, options, capability and
+// compiler. Cache files may be deleted at any time, and a damaged file is compiled again.
 std::string cached_binary(const ProgramSpec& spec, int capability);
 
 }  // namespace ubs::cuda

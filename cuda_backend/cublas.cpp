@@ -12,7 +12,8 @@ void check_blas(cublasStatus_t code, const char* call) {
     fail(ErrorKind::device, "{} failed with cuBLAS status {}", call, static_cast<int>(code));
 }
 
-// The functions used, whose binary interface is the same in all versions since 6; types from the header.
+// The functions that are used. Their binary interface is the same in all versions since 6; the types come
+// from the header.
 struct Library {
   decltype(&cublasCreate_v2) create = nullptr;
   decltype(&cublasDestroy_v2) destroy = nullptr;
@@ -51,14 +52,14 @@ class CublasGemm final : public Gemm {
     device.make_current();
     check_blas(cublas().create(&handle_), "cublasCreate");
     check_blas(cublas().set_stream(handle_, device.stream()), "cublasSetStream");
-    // Float32 throughout, also where the environment asks for TF32.
+    // Compute in float32 throughout, even if the environment requests TF32.
     check_blas(cublas().set_math_mode(handle_, CUBLAS_PEDANTIC_MATH), "cublasSetMathMode");
   }
   ~CublasGemm() override { cublas().destroy(handle_); }
   CublasGemm(const CublasGemm&) = delete;
   CublasGemm& operator=(const CublasGemm&) = delete;
 
-  // cuBLAS counts columns first: row-major C = A B is its C^T = B^T A^T.
+  // cuBLAS stores matrices by columns. The row-major product C = A B is its C^T = B^T A^T.
   cudaError_t operator()(const MatrixProduct& p) override {
     const float one = 1, zero = 0;
     check_blas(cublas().sgemm(handle_, CUBLAS_OP_N, CUBLAS_OP_N, p.columns, p.rows, p.inner, &one,

@@ -5,7 +5,7 @@ namespace ubs::cuda {
 
 void check(cudaError_t code, const char* call) {
   if (code == cudaSuccess) return;
-  cudaGetLastError();  // an error that is not sticky must not surface again at the next launch
+  cudaGetLastError();  // clears an error that is not sticky, so that the next launch does not report it
   fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device, "{} failed with {}: {}",
        call, cudaGetErrorName(code), cudaGetErrorString(code));
 }

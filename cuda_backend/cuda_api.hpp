@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Error checks of the CUDA runtime API that name the call, and owning handles.
+// Error checks of the CUDA runtime API that report the failed call, and owning handles.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -11,7 +11,7 @@
 
 namespace ubs::cuda {
 
-// Throws Error(memory) or Error(device) naming the call. Destructors must not use it.
+// Throws Error(memory) or Error(device) with the name of the call. Must not be used in destructors.
 void check(cudaError_t code, const char* call);
 
 template <typename T, cudaError_t (*release)(T)>

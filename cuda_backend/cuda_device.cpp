@@ -8,7 +8,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr std::size_t kMaxPending = 4096;  // timed intervals whose events are kept
+constexpr std::size_t kMaxPending = 4096;  // maximum number of timed intervals whose events are kept
 
 char* pointer_in(const Memory& memory, std::size_t offset) {
   return static_cast<char*>(static_cast<const CudaMemory&>(memory).pointer()) + offset;
@@ -30,7 +30,7 @@ CudaMemory::CudaMemory(CudaDevice& device, std::string label, std::size_t bytes)
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
-// What is under way may still use the memory. That cudaFree waits for it is not documented.
+// Waits, because pending work may still use the memory; it is not documented whether cudaFree waits for it.
 CudaMemory::~CudaMemory() {
   cudaStreamSynchronize(device_.stream_.get());
   cudaStreamSynchronize(device_.upload_stream_.get());
@@ -131,7 +131,8 @@ void CudaDevice::finish() {
   check(cudaStreamSynchronize(stream()), "cudaStreamSynchronize");
 }
 
-// Grows by half, so that repeated growth is amortised. The stream orders its uses; freeing waits.
+// Grows by at least half, so that repeated growth is amortised. The stream orders all uses of the memory, and
+// freeing it waits for them.
 void* CudaDevice::scratch(std::size_t bytes) {
   if (!scratch_ || scratch_->bytes() < bytes) {
     const std::size_t grown = scratch_ ? std::max(bytes, scratch_->bytes() + scratch_->bytes() / 2) : bytes;
@@ -152,7 +153,7 @@ const Module& CudaDevice::module(const ProgramSpec& spec) {
   LoadedProgram& loaded = modules_[spec.file + " | " + flags];
   if (!loaded.module) {
     const std::string binary = cached_binary(spec, capability_);
-    finish();  // a call of the runtime makes its context current, which the driver's interface needs
+    finish();  // a runtime call makes the context current, which the driver API requires
     loaded = {{spec.file, flags, spec.kernels}, std::make_unique<Module>(binary)};
   }
   return *loaded.module;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One CUDA device with its stream: memory, ordered copies, launches with checked arguments, times.
+// CudaDevice is one CUDA device and its stream: memory, ordered copies, launches with checked arguments,
+// timings.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +23,7 @@ namespace ubs::cuda {
 
 class CudaDevice;
 
-// A buffer of a device, accounted for on its device while it lives.
+// A buffer on a device. The device's memory statistics include it as long as it exists.
 class CudaMemory final : public Memory {
  public:
   CudaMemory(CudaDevice& device, std::string label, std::size_t bytes);
@@ -44,7 +45,7 @@ T* pointer_of(const BufferView<T>& view) {
 
 class CudaDevice final : public Device, public TunableDevice {
  public:
-  // info().memory_bytes becomes what is free now: other programs may use the card too.
+  // Reduces info().memory_bytes to the memory that is free now, because other programs may also use the GPU.
   CudaDevice(int ordinal, DeviceInfo info);
   ~CudaDevice() override;
 
@@ -61,7 +62,7 @@ class CudaDevice final : public Device, public TunableDevice {
   void finish() override;
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
-  // Those compiled at run time.
+  // Returns the programs that were compiled at run time.
   std::vector<ProgramUse> programs() const override;
   std::unique_ptr<Stages> make_stages(const KernelConfig& config) override;
   std::unique_ptr<MetricOps> make_metric_ops() override;
@@ -70,8 +71,8 @@ class CudaDevice final : public Device, public TunableDevice {
   TunedTable tuned_constants() const override { return cuda::tuned_constants(); }
   void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }
 
-  // Enqueues a kernel. Views become pointers, every other argument must convert without loss of meaning to
-  // the kernel's parameter; wrong types do not compile. A grid without blocks does nothing.
+  // Enqueues a kernel. Views are converted to pointers; every other argument must have the exact type of the
+  // kernel's parameter, otherwise the call does not compile. A grid without blocks launches nothing.
   template <typename... Parameters, typename... Arguments>
   void launch(const char* name, const Kernel<void(Parameters...)>& kernel, dim3 grid, dim3 block,
               const Arguments&... arguments) {
@@ -86,7 +87,8 @@ class CudaDevice final : public Device, public TunableDevice {
                            : launch_function(kernel.function, grid, block, addresses.data(), stream_.get());
     });
   }
-  // A call of device_algorithms.hpp, first for the size of its scratch memory, then in earnest:
+  // Runs a function of device_algorithms.hpp: the first call queries the size of its scratch memory, the
+  // second one does the work. Example:
   //   algorithm("sort", [&](Workspace& w) { return sort_pairs(w, ...); });
   template <typename Call>
   void algorithm(const char* name, const Call& call) {
@@ -96,13 +98,13 @@ class CudaDevice final : public Device, public TunableDevice {
     timed(name, [&] { return call(workspace); });
   }
 
-  // A library's call that enqueues work on stream(): timed and named like a launch.
+  // Runs a library call that enqueues work on stream(). It is timed and named like a launch.
   template <typename Call>
   void call(const char* name, const Call& enqueue) {
     timed(name, enqueue);
   }
 
-  // Compiled and loaded once, for the life of the device.
+  // Compiles and loads a program at its first use and keeps it until the device is destroyed.
   const Module& module(const ProgramSpec& spec);
 
   cudaStream_t stream() const { return stream_.get(); }
@@ -126,7 +128,8 @@ class CudaDevice final : public Device, public TunableDevice {
     return pointer;
   }
 
-  // Runs an asynchronous call, between two events when profiling, and names it if it failed.
+  // Makes an asynchronous call, enclosed by two events when profiling. If the call fails, the error message
+  // contains `name`.
   template <typename Call>
   void timed(const char* name, const Call& call) {
     make_current();
@@ -154,7 +157,7 @@ class CudaDevice final : public Device, public TunableDevice {
   std::unique_ptr<Staging> staging_;
   UploadRing uploads_;
   ReadBlocks reads_;
-  EventHandle given_;  // copy_async(): what the stream had been given
+  EventHandle given_;  // marks, for copy_async(), the work that was enqueued before it
   std::unique_ptr<Memory> scratch_;
   EventHandle open_timer_;
   std::map<std::string, LoadedProgram> modules_;  // by file and options

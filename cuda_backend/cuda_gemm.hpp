@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products in float32 through cuBLAS (cublas.cpp). The library is looked for when the first product is
-// wanted: nothing else needs it, and it is larger than all of the rest.
+// Matrix products in float32 with cuBLAS (cublas.cpp). The library is opened at the first product, because
+// nothing else needs it, and it is larger than all other libraries together.
 #pragma once
 
 #include <memory>
@@ -17,7 +17,7 @@ class Gemm {
   virtual cudaError_t operator()(const MatrixProduct& product) = 0;
 };
 
-// Throws Error(device) saying what to install when there is no cuBLAS.
+// Throws Error(device), saying what to install, if there is no cuBLAS.
 std::unique_ptr<Gemm> make_gemm(CudaDevice& device);
 
 }  // namespace ubs::cuda

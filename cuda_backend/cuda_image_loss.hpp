@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stage ImageLoss: L1 + SSIM of an image against its target and the gradient, in two passes over tiles of all
-// channels. Scratch: nine float planes.
+// ImageLossKernels runs the stage ImageLoss: the L1 + SSIM loss of an image against its target, and the
+// gradient, in two passes over tiles of all channels. It allocates nine float planes as scratch memory.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -15,14 +15,14 @@ class ImageLossKernels {
   void run(const ImageLoss& loss);
 
  private:
-  struct Maps {  // planes of ssim_point with zero margins
+  struct Maps {  // planes of ssim_point() with zero margins
     int pitch = 0, plane = 0;
   };
   Maps prepare(const ImageShape& shape);
 
   CudaDevice& device_;
   LossKernels plain_, masked_;
-  ImageShape shape_;  // for which the margins of maps_ are zero
+  ImageShape shape_;  // the shape for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };
 

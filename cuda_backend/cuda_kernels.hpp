@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels of the CUDA back end with the types of their arguments, so that the compiler checks every
-// launch: what the .cu files offer to the host code, and the same kernels in programs that are compiled at
+// launch. They are either compiled ahead of time in the .cu files, or belong to programs that are compiled at
 // run time.
 #pragma once
 
@@ -23,11 +23,11 @@ struct Kernel<void(Parameters...)> {
   void* function = nullptr;
 };
 
-// Kernels of different types, each found by its type.
+// A set of kernels of different types, each of which is found by its type.
 template <typename... Signatures>
 struct KernelTable : Kernel<Signatures>... {};
 
-// kernels/map, one thread an element, compiled once for each number of dimensions (map_kernels.cu).
+// kernels/map, one thread per element, compiled once for each number of dimensions (map_kernels.cu).
 struct ProjectKernels {
   Kernel<ProjectForwardKernel> forward;
   Kernel<ProjectBackwardKernel> backward;
@@ -37,8 +37,9 @@ struct CameraKernels {
 };
 using ParameterKernels = KernelTable<AdamKernel, WatchedAdamKernel, RegulariseKernel, AddNoiseKernel,
                                      McmcWeightsKernel, McmcDrawKernel, McmcSourcesKernel, McmcCopiesKernel>;
-// Of the default form, for the dimensions that data have; more are compiled at run time, as are gradients of
-// a camera and through the view direction.
+// The default variant is compiled ahead of time up to this number of dimensions, which covers common data.
+// Kernels for more dimensions are compiled at run time, and so are the gradients of a camera and those
+// through the view direction.
 constexpr int kLastDimAhead = 7;
 template <int dim>
 ProjectKernels project_kernels_of();
@@ -59,7 +60,7 @@ ProjectKernels compiled_project_kernels(int dim);
 ParameterKernels compiled_parameter_kernels(int dim);
 constexpr unsigned kMapBlock = 128;
 
-// raster_kernels.cu: one block a tile, one thread a pixel; sum_slots: 16 threads a splat.
+// raster_kernels.cu: one block per tile, one thread per pixel; sum_slots: 16 threads per splat.
 constexpr unsigned kSumBlock = 256;
 struct RasterKernels {
   Kernel<RasterPartsKernel> parts;
@@ -76,12 +77,12 @@ struct RasterKernels {
 struct WeightKernels {
   Kernel<MeasureWeightsKernel> measure;
 };
-// Of the default form: without and with depth.
+// Kernels of the default variant, without and with depth.
 RasterKernels raster_kernels_plain();
 RasterKernels raster_kernels_depth();
 WeightKernels weight_kernels_plain();
 
-// loss_kernels.cu: kernels/gpu/loss.cl, one block a tile of one channel.
+// loss_kernels.cu: kernels/gpu/loss.cl, one block per tile of one channel.
 constexpr unsigned kLossBlock = 128, kLossTotalBlock = 192;
 constexpr int kLossTileX = 32;
 struct LossKernels {
@@ -89,27 +90,27 @@ struct LossKernels {
   Kernel<LossGradientKernel> gradient;
   Kernel<LossTotalKernel> total;
 };
-LossKernels loss_kernels(bool with_mask);  // false: the mask is not looked at
+LossKernels loss_kernels(bool with_mask);  // without a mask the kernels do not read it
 
-// loss_kernels.cu as well, one thread an element: kernels/map/appearance.cl and appearance_step.cl.
+// Also in loss_kernels.cu, one thread per element: kernels/map/appearance.cl and appearance_step.cl.
 using AppearanceTable = KernelTable<MapColoursKernel, MapColoursVjpKernel, RowSumsKernel,
                                     AppearanceGradientKernel, AppearanceStepKernel>;
 AppearanceTable appearance_kernels();
 
-// sky_kernels.cu, one thread an element: kernels/map/sky.cl and sky_step.cl.
+// sky_kernels.cu, one thread per element: kernels/map/sky.cl and sky_step.cl.
 using SkyTable = KernelTable<DrawSkyKernel, SkyVjpKernel, RowSumsKernel, SkyGradientKernel, SkyStepKernel>;
 SkyTable sky_kernels();
 
-// list_kernels.cu as well, one thread an element: kernels/map/drawn.cl.
+// Also in list_kernels.cu, one thread per element: kernels/map/drawn.cl.
 using DrawnTable = KernelTable<MarkDrawnKernel, PickDrawnKernel, UnpackDrawnKernel, SpreadGradientKernel>;
 DrawnTable drawn_kernels();
 
-// metric_kernels.cu, one thread an element.
+// metric_kernels.cu, one thread per element.
 using MetricKernels = KernelTable<LoadImageKernel, Im2colKernel, BiasReluKernel, MaxPoolKernel,
                                   LpipsDistanceKernel, PartialSumsKernel, SsimRowsKernel, SsimColumnsKernel>;
 MetricKernels metric_kernels();
 
-// list_kernels.cu, one thread an element.
+// list_kernels.cu, one thread per element.
 constexpr unsigned kListBlock = 256;
 struct ListKernels {
   Kernel<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits, const u64* before,
@@ -127,7 +128,7 @@ struct ListKernels {
       finish;
 };
 ListKernels list_kernels();
-// That the kernels were compiled for, ascending: 90 for sm_90.
+// Returns the capabilities that the kernels were compiled for, ascending: 90 for sm_90.
 std::vector<int> compiled_capabilities();
 
 }  // namespace ubs::cuda

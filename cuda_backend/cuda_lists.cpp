@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kKeyBits = 32;  // 31 would do for positive floats, but take as many passes of 8 bits
+constexpr int kKeyBits = 32;  // 31 bits would suffice for positive floats, but need four passes of 8 bits too
 
 dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 
@@ -84,7 +84,8 @@ void Lists::place(const Job& job) {
   if (drawn > 0 && pairs > 0) {
     reserve(device_, tiles_, "tiles to sort", pairs);
     reserve(device_, pair_ids_, "splats to sort", pairs);
-    // The sorted keys are no longer needed: their memory takes the areas, the unsorted keys' the places.
+    // The sorted keys are no longer needed, so the areas use their memory. The places use the memory of the
+    // unsorted keys.
     const BufferView<u32> areas = keys_sorted_.view(), firsts = keys_.view();
     device_.launch("gather_areas", kernels_.gather_areas, grid(drawn), kListBlock, order_.view(), drawn,
                    job.drawn.counted, lists.tile_rects, areas);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, emitted in
-// that order, then sorted stably by tile, so that every list is in order of (depth, index). Only CountLists
-// waits, unless the totals are to stay on the device: then buffers, launches and sorts are for bounds.
+// Lists builds the tile lists (CountLists and BuildLists of host/device/stages.hpp). It sorts the visible
+// splats by depth, writes their intersections in that order, and then sorts these by tile. The sorts are
+// stable, so that every list is ordered by (depth, index). Only CountLists waits for the device. It does not
+// wait if the totals stay on the device; then buffers, launches and sorts are sized for upper bounds.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -13,31 +14,32 @@ class Lists {
  public:
   explicit Lists(CudaDevice& device) : device_(device), kernels_(list_kernels()) {}
 
-  // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact as far as AddCounts is.
+  // Slot offsets wrap if the total exceeds 2^32 - 1. The total itself is exact unless it exceeds what
+  // AddCounts can represent.
   ListTotals run(const CountLists& lists);
-  void run(const BuildLists& lists);  // once: what CountLists left is used up
+  void run(const BuildLists& lists);  // only once per CountLists, whose results it uses up
 
  private:
   struct ElementCount {
     u32 most;
-    BufferView<u32> counted = {};  // (1), bounded only
+    BufferView<u32> counted = {};  // one element; only used if `most` is an upper bound
   };
   struct Job {
     const BuildLists& lists;
     ElementCount drawn, pairs;
   };
   void fit(const CountLists& lists);
-  void sort_by_depth(u32 splats);  // -> order_
+  void sort_by_depth(u32 splats);  // writes order_
   void place(const Job& job);
 
   CudaDevice& device_;
   ListKernels kernels_;
-  Buffer<u64> before_;  // AddCounts
+  Buffer<u64> before_;  // packed counts (AddCounts)
   Buffer<std::uint64_t> totals_;
-  Buffer<u32> drawn_, pairs_;                    // (1) each, bounded only
-  Buffer<u32> visible_;                          // indices of what is sorted, ascending; keys_ are theirs
-  Buffer<u32> keys_, keys_sorted_, order_;       // drawn splats
-  Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // intersections
+  Buffer<u32> drawn_, pairs_;                    // one element each; only used with upper bounds
+  Buffer<u32> visible_;                          // ascending indices of the splats to sort; keys in keys_
+  Buffer<u32> keys_, keys_sorted_, order_;       // for the visible splats
+  Buffer<u32> tiles_, tiles_sorted_, pair_ids_;  // for the intersections
 };
 
 }  // namespace ubs::cuda

@@ -11,25 +11,25 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kOldest = 75;  // sm_75, the oldest that CUDA 13 compiles for
+constexpr int kOldest = 75;  // sm_75, the oldest capability that CUDA 13 compiles for
 
 std::string version_text(int version) { return fmt::format("{}.{}", version / 1000, version % 1000 / 10); }
 
 std::string error_text(cudaError_t code) {
-  cudaGetLastError();  // must not surface again at the next call
+  cudaGetLastError();  // clears the error, so that the next call does not report it again
   return fmt::format("{}: {}", cudaGetErrorName(code), cudaGetErrorString(code));
 }
 
 int capability_of(const cudaDeviceProp& properties) { return 10 * properties.major + properties.minor; }
 
-// Machine code runs on later cards of the same major number.
+// Machine code runs on later GPUs with the same major version of the capability.
 bool has_machine_code(int capability) {
   return std::ranges::any_of(compiled_capabilities(), [capability](int compiled) {
     return compiled / 10 == capability / 10 && compiled <= capability;
   });
 }
 
-// Why none of this build's kernels runs on the card; empty: they do. Opens the card.
+// Returns why none of this build's kernels runs on the GPU, or an empty string if they run. Opens the GPU.
 std::string code_defect(int ordinal, int capability) {
   cudaFuncAttributes attributes{};
   cudaError_t code = cudaSetDevice(ordinal);
@@ -41,8 +41,8 @@ std::string code_defect(int ordinal, int capability) {
       fmt::join(compiled_capabilities(), ", sm_"), error_text(code), capability);
 }
 
-// Why a card is not offered; empty: it is. Cards that machine code was made for are not opened for the
-// question: that takes tenths of a second and hundreds of megabytes on each of them.
+// Returns why a GPU is not offered, or an empty string if it is. A GPU that the build has machine code for is
+// not opened to answer this, because opening takes tenths of a second and hundreds of megabytes for each GPU.
 std::string defect(int ordinal, int capability) {
   if (capability < kOldest) return fmt::format("the CUDA back end requires sm_{} or newer", kOldest);
   return has_machine_code(capability) ? std::string() : code_defect(ordinal, capability);
@@ -51,7 +51,7 @@ std::string defect(int ordinal, int capability) {
 DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int runtime) {
   DeviceInfo info;
   info.backend = "cuda";
-  info.sorts_by_copying = true;  // CUB's SortPairs
+  info.sorts_by_copying = true;  // CUB's SortPairs does
   info.platform = fmt::format("CUDA runtime {}", version_text(runtime));
   info.vendor = "NVIDIA";
   info.name = properties.name;
@@ -74,14 +74,14 @@ struct Entry {
   DeviceInfo info;
 };
 
-// The number of cards. Without a driver or without a card there are none, which is nothing to speak of;
-// whatever else keeps the driver from counting them is said once.
+// Returns the number of GPUs. Without a driver or without a GPU it is 0; this is normal and not reported. If
+// the driver cannot count the GPUs for another reason, a warning is printed once.
 int count_cards(int driver, int runtime) {
   int count = 0;
   const cudaError_t code = cudaGetDeviceCount(&count);
   if (code == cudaSuccess) return count;
   const std::string text = error_text(code);
-  const int needed = runtime / 1000 * 1000;  // drivers run all that is of their major version
+  const int needed = runtime / 1000 * 1000;  // a driver runs everything of its major version
   if (driver == 0 || code == cudaErrorNoDevice) return 0;
   if (driver < needed)
     warn_once(

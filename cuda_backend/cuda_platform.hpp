@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA devices of this machine. Without an NVIDIA driver there are none, and that is no error: the
-// runtime library is linked statically and looks for the driver when it is first asked.
+// Lists and opens the CUDA devices of this machine. Without an NVIDIA driver there are none, which is not an
+// error: the runtime library is linked statically and looks for the driver at its first call.
 #pragma once
 
 #include <memory>
@@ -12,7 +12,7 @@ namespace ubs::cuda {
 
 std::vector<DeviceInfo> list_devices();
 
-// Opens a device by its place in list_devices().
+// Opens a device by its index in list_devices().
 std::unique_ptr<Device> open_device(std::size_t index);
 
 }  // namespace ubs::cuda

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection, forward and backward, and backward to the camera: one thread a splat.
+// Projection runs the projection of splats, forward, backward, and backward to the camera, with one thread
+// per splat.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -7,7 +8,7 @@
 
 namespace ubs::cuda {
 
-// Threads of a block of the kernels with one thread a splat.
+// Returns the number of threads per block of the kernels with one thread per splat.
 unsigned map_block(const CudaDevice& device);
 
 class Projection {
@@ -23,10 +24,10 @@ class Projection {
 
   CudaDevice& device_;
   KernelConfig config_;
-  std::size_t rows_;  // of parameters
+  std::size_t rows_;  // number of parameter rows
   ProjectKernels project_;
-  CameraKernels camera_;  // with their first use
-  unsigned block_;        // threads
+  CameraKernels camera_;  // set at the first use
+  unsigned block_;        // threads per block
 };
 
 }  // namespace ubs::cuda

@@ -15,7 +15,7 @@ void require(bool holds, std::string_view what) {
 
 unsigned tiles(const ImageShape& shape) { return static_cast<unsigned>(shape.tiles()); }
 
-constexpr unsigned kTileThreads = kTileSide * kTileSide;  // of a block: one a pixel
+constexpr unsigned kTileThreads = kTileSide * kTileSide;  // threads per block: one per pixel
 
 }  // namespace
 
@@ -55,7 +55,7 @@ void Raster::run(const RasterBackward& work) {
   check_raster(work, true);
   check_list_states(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
-  require(work.slots.count <= 1, "slots in several pieces");  // an allocation may take all of the memory
+  require(work.slots.count <= 1, "slots in several pieces");  // one allocation can be as large as the memory
   device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
                  kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
                  work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,

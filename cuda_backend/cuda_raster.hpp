@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward, RasterBackward,
-// SumSlots and MeasureWeights in host/device/stages.hpp. KernelConfig::raster makes no difference here.
+// Raster runs the rasterisers, the sum over slots and the weights of splats. Contracts: RasterForward,
+// RasterBackward, SumSlots and MeasureWeights in host/device/stages.hpp. KernelConfig::raster has no effect
+// here.
 #pragma once
 
 #include <optional>
@@ -23,8 +24,8 @@ class Raster {
   CudaDevice& device_;
   KernelConfig config_;
   RasterKernels kernels_;
-  std::optional<WeightKernels> weights_;  // made at its first use
-  Buffer<float> parts_;                   // of long lists
+  std::optional<WeightKernels> weights_;  // set at the first use
+  Buffer<float> parts_;                   // parts of long lists
 };
 
 }  // namespace ubs::cuda

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage interface on a CUDA device: each operation is handed to the class that owns its kernels.
+// The stage interface on a CUDA device. Each operation is passed to the class that has its kernels.
 #include "cuda_backend/cuda_device.hpp"
 #include "cuda_backend/cuda_image_loss.hpp"
 #include "cuda_backend/cuda_lists.hpp"
@@ -23,7 +23,7 @@ MapKernels<ParameterKernels> parameters(CudaDevice& device, const KernelConfig& 
   return {device, [&device, config] { return parameter_kernels(device, config); }, map_block(device)};
 }
 
-// Every operation has its run() in the class that owns its kernels.
+// Each operation is run by the class that has its kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(CudaDevice& device, const KernelConfig& config)
       : Projection(device, config),
@@ -51,7 +51,7 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
 class CudaStages final : public Stages {
  public:
   CudaStages(CudaDevice& device, const KernelConfig& config) : config_(config), kernels_(device, config) {
-    config_.raster = RasterKind::gpu;  // there is no other
+    config_.raster = RasterKind::gpu;  // the only kind in CUDA
   }
 
   const KernelConfig& config() const override { return config_; }

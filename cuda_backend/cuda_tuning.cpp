@@ -6,7 +6,7 @@
 namespace ubs::cuda {
 
 const std::vector<TunedConstant>& tuned_constants() {
-  constexpr RasterKind gpu = RasterKind::gpu;  // there are no others here
+  constexpr RasterKind gpu = RasterKind::gpu;  // the only kind in CUDA
   static const std::vector<TunedConstant> all{
       {kTunedMapBlock,
        kMapBlock,

@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-// CUB sums in the type of its input, which would wrap at 32 bits.
+// Converts to 64 bits, because CUB sums in the type of its input, which would wrap at 32 bits.
 struct Widen {
   __host__ __device__ u64 operator()(u32 value) const { return value; }
 };

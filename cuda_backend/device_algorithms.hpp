@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prefix sums and the radix sort of the CUDA back end, which are CUB's: one small door, so that only one file
-// pays for compiling them. All are deterministic and enqueued on the stream.
+// Prefix sums and the radix sort of the CUDA back end, implemented with CUB. This interface keeps CUB out of
+// other files, because CUB takes long to compile. All functions are deterministic and enqueue their work on
+// the stream.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,14 +12,16 @@
 
 namespace ubs::cuda {
 
-// Scratch memory of a call. With data == nullptr a call only sets `bytes` to what it needs.
+// Scratch memory of a call. A call with data == nullptr only sets `bytes` to the size that it needs.
 struct Workspace {
   void* data = nullptr;
   std::size_t bytes = 0;
 };
 
-// Splats and tiles of one splat, and of two ranges, packed (count_bits() in kernels.hpp). Tiles that do not
-// fit any more are as many as fit, wherever the ranges are cut.
+// Numbers of splats and tiles, packed into one value: the splats in the lower `bits` bits, the tiles above
+// (see Lists::run() in cuda_lists.cpp). ToCounts packs those of one splat, and AddCounts adds those of two
+// ranges. If the number of tiles overflows, it becomes the largest possible one, regardless of how the splats
+// are divided into ranges.
 struct ToCounts {
   u32 bits;
   __host__ __device__ u64 operator()(u32 tiles) const {
@@ -33,14 +36,15 @@ struct AddCounts {
   }
 };
 
-// before[i] = ToCounts and AddCounts of the splats before i.
+// before[i] = sum (AddCounts) of the packed counts (ToCounts) of the splats before i.
 cudaError_t scan_counts(Workspace& workspace, const u32* tile_counts, u64* before, u32 count, u32 bits,
                         cudaStream_t stream);
 // out[i] = in[0] + ... + in[i - 1], 32 bits.
 cudaError_t scan_exclusive(Workspace& workspace, const u32* in, u32* out, u32 count, cudaStream_t stream);
 // out[i] = in[0] + ... + in[i], 64 bits.
 cudaError_t scan_inclusive(Workspace& workspace, const u32* in, u64* out, u32 count, cudaStream_t stream);
-// Stable, ascending by the bits first_bit .. last_bit - 1 of the keys. No array may overlap another.
+// Sorts in ascending order by the bits first_bit .. last_bit - 1 of the keys; the sort is stable. No array
+// may overlap another.
 cudaError_t sort_pairs(Workspace& workspace, const u32* keys_in, u32* keys_out, const u32* values_in,
                        u32* values_out, u32 count, int first_bit, int last_bit, cudaStream_t stream);
 

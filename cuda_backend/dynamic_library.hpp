@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Libraries of the CUDA toolkit that are opened when something asks for them, so that nothing of the toolkit
-// is needed at start.
+// Functions to open libraries of the CUDA toolkit at their first use, so that the program starts without the
+// toolkit.
 #pragma once
 
 #include <dlfcn.h>
@@ -13,13 +13,14 @@
 
 namespace ubs::cuda {
 
-// Names of a library of the toolkit, "libnvrtc" with "11.2" as its version in CUDA 11, in the order to try. A
-// driver loads what libraries of its own major version and older ones make, not that of newer ones: these
-// come last, as the library without a number. driver: as cudaDriverGetVersion says, 12040 for CUDA 12.4; 0
-// where there is none.
+// Returns the names under which a library of the toolkit may be found, in the order to try them. `eleven` is
+// the version that the library has in CUDA 11, for example "11.2" for "libnvrtc". A driver loads code that
+// libraries of its own or an older major version produce, but not that of newer ones. Therefore names without
+// a version, which may be newer, come last. driver: result of cudaDriverGetVersion, 12040 for CUDA 12.4; 0
+// without a driver.
 inline std::vector<std::string> toolkit_names(const std::string& stem, const std::string& eleven,
                                               int driver) {
-  constexpr int kNewest = 13;  // without a driver, which is for tests
+  constexpr int kNewest = 13;  // used without a driver, in tests
   std::vector<std::string> names;
   for (int major = driver > 0 ? driver / 1000 : kNewest; major >= 12; --major)
     names.push_back(fmt::format("{}.so.{}", stem, major));
@@ -29,14 +30,15 @@ inline std::vector<std::string> toolkit_names(const std::string& stem, const std
   return names;
 }
 
-// The first of the names that can be opened, for the rest of the process; null when there is none.
+// Opens the first library that is found under one of the names, and keeps it open for the rest of the
+// process. Returns null if there is none.
 inline void* open_first(std::span<const std::string> names) {
   for (const std::string& name : names)
     if (void* library = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL)) return library;
   return nullptr;
 }
 
-// Throws Error(device) when the library, called `owner` in the message, has no function of that name.
+// Throws Error(device) if the library does not have this function. The message calls the library `owner`.
 template <typename Function>
 void find_function(void* library, const char* owner, const char* name, Function& function) {
   function = reinterpret_cast<Function>(dlsym(library, name));

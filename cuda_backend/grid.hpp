@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers of blocks, and launches over elements.
+// Computation of grid sizes, launches of kernels over elements, and prefix sums.
 #pragma once
 
 #include <functional>
@@ -9,7 +9,7 @@
 
 namespace ubs::cuda {
 
-// Blocks of `block` threads that cover `items`.
+// Returns the number of blocks of `block` threads that cover `items`.
 inline unsigned blocks(std::uint64_t items, unsigned block) {
   const std::uint64_t count = (items + block - 1) / block;
   if (count > 0x7fffffffu)
@@ -17,7 +17,8 @@ inline unsigned blocks(std::uint64_t items, unsigned block) {
   return static_cast<unsigned>(count);
 }
 
-// Kernels of kernels/map, a thread an element, found at their first launch.
+// Launches kernels of kernels/map with one thread per element. `find` looks up the kernels at the first
+// launch.
 template <typename Table>
 class MapKernels {
  public:
@@ -43,14 +44,14 @@ class MapKernels {
   CudaDevice& device_;
   std::function<Table()> find_;
   std::optional<Table> table_;
-  unsigned block_;  // threads
+  unsigned block_;  // threads per block
 };
 
-// Exclusive prefix sums.
+// Computes exclusive prefix sums.
 class Sums {
  public:
   explicit Sums(CudaDevice& device) : device_(device) {}
-  // `in` has count + 1 elements too; out may be in.
+  // `in` has count + 1 elements like `out`, and may be the same buffer.
   void exclusive(BufferView<u32> in, BufferView<u32> out, u32 count) {
     device_.algorithm("place_drawn", [&](Workspace& workspace) {
       return scan_exclusive(workspace, pointer_of(in), pointer_of(out), count + 1, device_.stream());

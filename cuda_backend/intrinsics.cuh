@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions that CUDA C++ has no name for, or only in headers that NVRTC does not bring. UBS_CUDA_ON_HOST:
-// what they mean, for the build that runs on the host (tests/cuda).
+// Functions for instructions that CUDA C++ makes available only in headers that NVRTC does not include, or
+// not at all. With UBS_CUDA_ON_HOST the instructions are emulated, for the build that runs on the host
+// (tests/cuda).
 
 #ifdef UBS_CUDA_ON_HOST
 __device__ __forceinline__ float native_exp2(float y) { return cuda_on_host::exp2_approx(y); }

@@ -17,7 +17,8 @@ bool compiled_ahead(const Options& switches, int dim) {
   return dim <= kLastDimAhead && compiled_ahead(switches);
 }
 
-// Forward only is no reason to compile: the kernels of the default form do without masks when there are none.
+// Kernels without a backward pass are not compiled separately: the kernels of the default variant also work
+// without masks.
 KernelConfig with_backward(KernelConfig config) {
   config.backward = true;
   return config;
@@ -32,7 +33,7 @@ Options project_switches(const KernelConfig& config) {
   return options;
 }
 
-// Null: compiled ahead.
+// Returns no program if the kernels were compiled ahead of time.
 std::optional<ProgramSpec> project_program(const KernelConfig& config) {
   if (!config.query_grad && compiled_ahead(project_switches(with_backward(config)), config.dim))
     return std::nullopt;
@@ -44,7 +45,7 @@ std::optional<ProgramSpec> project_program(const KernelConfig& config) {
 }
 
 ProgramSpec camera_program(KernelConfig config) {
-  config.frozen = 0;  // what is learnt makes no difference here
+  config.frozen = 0;  // the camera gradient does not depend on which groups are trained
   ProgramSpec spec{"cuda_backend/map_camera.cuh", {"camera_backward"}, project_switches(config)};
   append(spec.options, {fmt::format("-DUBS_N={}", config.dim), "-DUBS_CAMERA_GRAD=1"});
   return spec;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of a configuration: those compiled ahead of time for the default form, else a program compiled
-// at run time (docs/cuda.md). With UBS_KERNEL_DIR, which replaces sources, all that may be is compiled at run
-// time.
+// Selects the kernels for a configuration: those compiled ahead of time for the default variant, or a program
+// that is compiled at run time (docs/cuda.md). If UBS_KERNEL_DIR replaces the sources, all kernels for which
+// this is possible are compiled at run time.
 #pragma once
 
 #include "cuda_backend/cuda_device.hpp"
@@ -14,7 +14,7 @@ ParameterKernels parameter_kernels(CudaDevice& device, const KernelConfig& confi
 RasterKernels raster_kernels(CudaDevice& device, const KernelConfig& config);
 WeightKernels weight_kernels(CudaDevice& device, const KernelConfig& config);
 
-// The programs that a configuration would have compiled at run time, all of them: for tests.
+// Returns all programs that a configuration may compile at run time. Used by tests.
 std::vector<ProgramSpec> run_time_programs(const KernelConfig& config);
 
 }  // namespace ubs::cuda

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists, the kernels around the sorts and prefix sums of device_algorithms.cu: choice of the drawn
-// splats, emission of (tile, splat) in depth order, slots and first intersection of each tile.
-// Forward only, slots and their offsets are null pointers and not written. Bounded, the host does not know
-// how much there is (kernels/map/tile_rect.h): launches and sorts are for a bound, behind what is there stand
-// the largest keys, which stay behind.
+// Tile lists: the kernels around the sorts and prefix sums of device_algorithms.cu. They select the visible
+// splats, write (tile, splat) in depth order, and compute the slots and the first intersection of each tile.
+// If there is no backward pass, the pointers for slots and their offsets are null and nothing is written
+// there.
+// If the host does not know the numbers of elements (kernels/map/tile_rect.h), launches and sorts are sized
+// for upper bounds. The unused elements get the largest key, so that the sort leaves them at the end.
 #include <cuda_runtime.h>
 #include <math.h>
 
@@ -31,8 +32,8 @@ __device__ __forceinline__ size_t global_index() {
 
 constexpr u32 kLargestKey = 0xffffffffu;
 
-// Lists the splats that are drawn, in their order, and behind them the others with the largest key: what is sorted may
-// be a bound.
+// Lists the visible splats in their order, and after them all others with the largest key, because the number
+// of sorted elements may be an upper bound.
 __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 count, u32 bits,
                              const u64* before, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals) {
   const size_t i = global_index();
@@ -52,15 +53,16 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   }
 }
 
-// Tiles of each splat in depth order; their prefix sum, over all `most`, places the intersections.
+// Computes the number of tiles of each splat in depth order. The prefix sums over all `most` elements are the
+// places of the intersections.
 __global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
   const size_t i = global_index();
   if (i >= most) return;
   areas[i] = i < listed(most, counted) ? tile_rect_area(rect_of(tile_rects, order[i])) : 0;
 }
 
-// Balanced whatever the sizes of the rectangles: a thread finds its splat by bisection, first for the block
-// as a whole, then between the block's ends.
+// Writes the intersections. The work is balanced for rectangles of any size: a thread finds its splat by
+// bisection, first for the block as a whole, then between the ends of the block.
 __global__ void __launch_bounds__(kListBlock)
     emit_intersections(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn, u32 most_pairs,
                        const u32* pairs, const u32* tile_rects, u32 tiles_x, u32* tiles, u32* ids,
@@ -88,10 +90,11 @@ __global__ void __launch_bounds__(kListBlock)
   ids[place] = id;
 }
 
-// One thread an intersection and one more. The slot follows from tile and rectangle, so that the sort moves
-// 8 bytes an intersection instead of 12. The thread at which a tile begins writes that tile's range, and
-// those of the empty tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
-// long_lists: set where a list is long; emit_intersections has cleared it.
+// Computes the slots of the intersections and the ranges of the tiles, with one thread per intersection and
+// one more. The slot is computed from tile and rectangle, so that the sort moves 8 instead of 12 bytes per
+// intersection. The thread at which the list of a tile starts writes the range of that tile and those of the
+// empty tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
+// long_lists is set if a list is long; emit_intersections has cleared it.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,
                              u32* slots, u32* tile_ranges, u32* long_lists) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image loss (kernels/gpu/loss.cl), without and with a mask, and what appearance changes of images.
+// The image loss (kernels/gpu/loss.cl), without and with a mask, and the kernels of the appearance of
+// photographs.
 #include <cuda_runtime.h>
 #include <math.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient of the camera of kernels/map as CUDA; with UBS_CAMERA_GRAD.
+// The gradient of the camera (kernels/map) as CUDA. Requires UBS_CAMERA_GRAD.
 // clang-format off
 #include "kernels/map/records.h"
 #include "kernels/map/project.cl"

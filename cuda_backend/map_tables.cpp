@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the copy of the compiled map kernels for a number of dimensions.
+// Selects the compiled map kernels for a number of dimensions.
 #include "cuda_backend/cuda_kernels.hpp"
 #include "host/base/error.hpp"
 

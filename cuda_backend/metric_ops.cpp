@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics: the shared kernels of metric_kernels.cu, and cuBLAS.
+// The operations of image metrics: the shared kernels of metric_kernels.cu, and matrix products by cuBLAS.
 #include "cuda_backend/cuda_gemm.hpp"
 #include "cuda_backend/grid.hpp"
 #include "host/device/map_metric_ops.hpp"
@@ -19,11 +19,11 @@ class CudaMetricOps final : public MapMetricOps<MapKernels<MetricKernels>> {
     device_.call("matrix_product", [&] { return (*gemm_)(a); });
   }
   std::size_t matrix_bytes() const override { return kMatrixBytes; }
-  std::size_t product_bytes(const MatrixProduct&) const override { return 0; }  // cuBLAS's own is not counted
+  std::size_t product_bytes(const MatrixProduct&) const override { return 0; }  // without cuBLAS's own memory
 
  private:
   CudaDevice& device_;
-  std::unique_ptr<Gemm> gemm_;  // made with the first product
+  std::unique_ptr<Gemm> gemm_;  // created by the first product
 };
 
 }  // namespace

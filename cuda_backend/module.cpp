@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Through the driver's own interface, as the runtime library has one for this only since CUDA 12.8. The
-// driver is not linked: the runtime has opened it already when a device exists.
+// Uses the driver API, because the runtime library only has these functions since CUDA 12.8. The driver is
+// not linked; the runtime has already opened it if a device exists.
 #include "cuda_backend/module.hpp"
 
 #include <cuda.h>
@@ -63,7 +63,7 @@ void* Module::function(const char* name) const {
   return found;
 }
 
-// The numbers of the driver's errors are those of the runtime's since CUDA 10.1.
+// Since CUDA 10.1 the error codes of the driver have the same numbers as those of the runtime.
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream) {
   return static_cast<cudaError_t>(driver().launch(static_cast<CUfunction>(function), grid.x, grid.y, grid.z,
                                                   block.x, block.y, block.z, 0, stream, arguments, nullptr));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A program that was compiled at run time, loaded on the current device, and the launch of its kernels.
+// Module is a program that was compiled at run time and is loaded on the current device. Its kernels can be
+// launched.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -12,13 +13,13 @@ namespace ubs::cuda {
 
 class Module {
  public:
-  // Throws Error(device).
+  // Throws Error(device) if the program cannot be loaded.
   explicit Module(const std::string& binary);
   ~Module();
   Module(const Module&) = delete;
   Module& operator=(const Module&) = delete;
 
-  // The kernel must have the parameters that `kernel` says.
+  // The kernel must have the parameters of `Signature`.
   template <typename Signature>
   void bind(Kernel<Signature>& kernel, const char* name) const {
     kernel.function = function(name);
@@ -29,7 +30,7 @@ class Module {
   void* handle_ = nullptr;
 };
 
-// arguments: addresses of the values, as for cudaLaunchKernel.
+// Launches a kernel. arguments: addresses of the values, as for cudaLaunchKernel.
 cudaError_t launch_function(void* function, dim3 grid, dim3 block, void** arguments, cudaStream_t stream);
 
 }  // namespace ubs::cuda

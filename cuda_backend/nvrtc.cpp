@@ -12,7 +12,8 @@
 namespace ubs::cuda {
 namespace {
 
-// The functions used, whose binary interface is the same in all versions since 11.2; types from the header.
+// The functions that are used. Their binary interface is the same in all versions since 11.2; the types come
+// from the header.
 struct NvrtcLibrary {
   decltype(&nvrtcVersion) version = nullptr;
   decltype(&nvrtcGetErrorString) error_string = nullptr;
@@ -73,7 +74,7 @@ ProgramHandle create(const ProgramText& text) {
     headers.push_back(header.text.c_str());
     names.push_back(header.name.c_str());
   }
-  headers.push_back("");  // kernels/dialect/dialect.h asks for it; NVRTC knows its functions without
+  headers.push_back("");  // dialect.h includes it; NVRTC has its functions built in
   names.push_back("math.h");
   nvrtcProgram program = nullptr;
   check_nvrtc(nvrtc().create(&program, text.main.text.c_str(), text.main.name.c_str(),
@@ -92,7 +93,7 @@ std::string take(nvrtcProgram program, Size size, Get get) {
   return text;
 }
 
-// The newest that this NVRTC knows and the device can run.
+// Returns the newest capability that this NVRTC knows and the device can run.
 int known_capability(int capability) {
   int count = 0;
   check_nvrtc(nvrtc().arch_count(&count), "nvrtcGetNumSupportedArchs");
@@ -140,7 +141,7 @@ CompiledProgram compile_program(const ProgramSpec& spec, int capability) {
   Options options = spec.options;
   options.push_back(fmt::format("--gpu-architecture={}_{}", machine_code ? "sm" : "compute", known));
   options.push_back("--std=c++17");
-  options.push_back("--diag-suppress=550");  // set but never used: what nobody asks for (UBS_NO_V_SHAPE)
+  options.push_back("--diag-suppress=550");  // "set but never used": unrequested gradients (UBS_NO_V_SHAPE)
   if (machine_code) options.push_back("--ptxas-options=-v");
   std::vector<const char*> texts;
   for (const std::string& option : options) texts.push_back(option.c_str());

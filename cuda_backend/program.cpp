@@ -11,14 +11,14 @@ namespace {
 
 constexpr std::string_view kKernels = "kernels/";
 
-// The name in quotes of an #include line; empty for any other line.
+// Returns the name in quotes of an #include line, or an empty string for any other line.
 std::string included_name(const std::string& line) {
   constexpr std::string_view kInclude = "#include \"";
   if (!line.starts_with(kInclude)) return {};
   return line.substr(kInclude.size(), line.find('"', kInclude.size()) - kInclude.size());
 }
 
-// Both sides of every #if: what is not reached costs nothing.
+// Adds all included files, regardless of any #if around them. Files that are not used cost nothing.
 void add_headers(const std::string& text, std::vector<SourceText>& headers) {
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Device code that is compiled at run time for a specialisation: which file, macros and kernels, and the text
-// that a compiler gets. The kernels are `extern "C"`, so that they are found by their names.
+// ProgramSpec describes device code that is compiled at run time for a specialisation: its file, macros and
+// kernels. program_text() returns the text that the compiler gets. The kernels are `extern "C"`, so that they
+// are found by their names.
 #pragma once
 
 #include <string>
@@ -11,9 +12,9 @@
 namespace ubs::cuda {
 
 struct ProgramSpec {
-  std::string file;                  // "cuda_backend/raster_program.cuh", behind cuda_backend/shared_math.cuh
-  std::vector<std::string> kernels;  // those in it
-  Options options;                   // "-DNAME=VALUE", and flags of NVRTC
+  std::string file;                  // "cuda_backend/raster_program.cuh", included after shared_math.cuh
+  std::vector<std::string> kernels;  // the kernels in it
+  Options options;                   // "-DNAME=VALUE", and options of NVRTC
 };
 
 struct SourceText {
@@ -21,7 +22,7 @@ struct SourceText {
 };
 struct ProgramText {
   SourceText main;
-  std::vector<SourceText> headers;  // all that is included, by the names it is included by
+  std::vector<SourceText> headers;  // all included files, by the names in the #include lines
 };
 ProgramText program_text(const ProgramSpec& spec);
 

@@ -15,7 +15,8 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kOtherSeed = 0x84222325cbf29ce4u;
 
-// 128 bits, so that two programs never share a name.
+// Returns the name of the cache file of a program. It contains a hash of 128 bits, so that two programs never
+// share a name.
 std::string file_name(const ProgramSpec& spec, int capability) {
   const ProgramText program = program_text(spec);
   std::string all = fmt::format("{}\nsm_{}\n{}\n", compiler_version(), capability, program.main.text);
@@ -28,7 +29,7 @@ std::string file_name(const ProgramSpec& spec, int capability) {
 
 std::uint32_t checksum(const std::string& binary) { return crc32(std::as_bytes(std::span(binary))); }
 
-// Empty when there is no such file, or not a whole one.
+// Returns the content of a cache file, or an empty string if the file does not exist or is damaged.
 std::string load(const fs::path& file) {
   std::error_code error;
   if (!fs::is_regular_file(file, error)) return {};
@@ -45,7 +46,7 @@ std::string load(const fs::path& file) {
   return checksum(text) == expected ? text : std::string();
 }
 
-// A cache that cannot be written costs time at the next start and nothing else.
+// Errors are ignored: without the cache the next start only takes longer.
 void save(const fs::path& file, const std::string& binary) {
   const std::uint32_t sum = checksum(binary);
   std::string text(reinterpret_cast<const char*>(&sum), sizeof sum);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots as one program: raster_gpu_parts, raster_gpu_forward, raster_gpu_join,
-// raster_gpu_backward, sum_slots_scalar.
+// The rasterisers and the sum over slots as one program. Its kernels are raster_gpu_parts,
+// raster_gpu_forward, raster_gpu_join, raster_gpu_backward and sum_slots_scalar.
 #define UBS_TOGETHER 3
-#define UBS_BACKWARD_BATCH 192  // three groups have room on cards with 100 KiB of shared memory
+#define UBS_BACKWARD_BATCH 192  // so that three work-groups fit on GPUs with 100 KiB of shared memory
 #define UBS_SUM_GROUP_GPU 256
 // clang-format off
 #include "kernels/gpu/words.h"

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared mathematics (kernels/math) as CUDA: one lane a value, specialised by UBS_N. Included once by
-// each .cu file, inside of namespace ubs::cuda and an unnamed namespace, so that files that differ in UBS_N
-// link together; system headers are therefore included before. Programs that are compiled at run time begin with it.
+// The shared mathematics (kernels/math) as CUDA: one lane per value, specialised by UBS_N. Each .cu file
+// includes this file once, inside namespace ubs::cuda and an unnamed namespace, so that files with different
+// UBS_N can be linked together. Therefore system headers must be included before it. Programs that are
+// compiled at run time start with it.
 
 // clang-format off
 #include "kernels/dialect/dialect.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A ring of pinned host memory through which uploads pass, so that they are enqueued like a kernel and the
-// host goes on at once. From pageable memory the driver would wait for the stream first, and the learning
-// rates that go up in every iteration would stop the host in every iteration.
+// Transfers through pinned host memory. Uploads pass through a ring of it, so that they are enqueued like a
+// kernel and the host continues at once. From pageable memory the driver would wait for the stream first, and
+// the upload of the learning rates would stop the host in every iteration.
 #pragma once
 
 #include <array>
@@ -26,23 +26,23 @@ class Staging {
  public:
   Staging();
 
-  // Returns when `from` may change; the copy itself takes its place on the stream.
+  // Returns as soon as `from` may be changed. The copy itself is ordered on the stream.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
-  // Waits for everything on the stream and then for the copy.
+  // Waits for all work on the stream and then for the copy.
   void download(std::span<std::byte> to, const void* from, cudaStream_t stream);
 
  private:
   static constexpr std::size_t kSlots = 8, kSlotBytes = std::size_t{256} << 10;
   std::byte* slot(std::size_t index) const { return memory_.get() + index * kSlotBytes; }
-  std::size_t take();  // a slot whose last copy has finished
+  std::size_t take();  // returns a slot whose last copy has finished
 
   PinnedMemory memory_;
   std::array<EventHandle, kSlots> finished_;
   std::size_t next_ = 0;
 };
 
-// Small pinned blocks for copies that the host looks at later: cudaMallocHost is too slow for every copy, so
-// a block is used again when its reader is gone.
+// Small pinned blocks for copies that the host reads later. cudaMallocHost is too slow to call for every
+// copy, so a block is reused after its reader has been destroyed.
 class ReadBlocks {
  public:
   struct Block {
@@ -58,8 +58,8 @@ class ReadBlocks {
   std::vector<Block> free_;
 };
 
-// A copy of at most ReadBlocks::kBytes; arrived() is to be recorded behind it, or behind what it is launched
-// with.
+// A copy of at most ReadBlocks::kBytes. The caller must record arrived() after the copy, or after the work
+// that it is launched with.
 class CudaRead final : public PendingRead {
  public:
   CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream);
@@ -75,13 +75,14 @@ class CudaRead final : public PendingRead {
   std::size_t bytes_;
 };
 
-// Pinned copies of whole arrays on their way to the device on a stream of their own. They are as large as the
-// arrays, unlike the slots above: waiting for a slot would wait for the stream that they are to run beside.
+// Pinned copies of whole arrays, which are uploaded on a separate stream. Unlike the slots above they are as
+// large as the arrays, because waiting for a free slot would mean waiting for the stream that the uploads run
+// in parallel with.
 class UploadRing {
  public:
-  // Returns when `from` may change; waits for the upload before the last one.
+  // Returns as soon as `from` may be changed. Waits for the upload before the last one.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
-  // Lets a stream wait for all uploads so far.
+  // Makes a stream wait for all uploads so far.
   void join(cudaStream_t stream);
 
  private:
@@ -92,7 +93,7 @@ class UploadRing {
   };
   std::array<Slot, 2> slots_;
   std::size_t next_ = 0;
-  cudaEvent_t unjoined_ = nullptr;  // of the last upload; those before it are on the same stream
+  cudaEvent_t unjoined_ = nullptr;  // event of the last upload; earlier ones are on the same stream
 };
 
 }  // namespace ubs::cuda

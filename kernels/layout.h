@@ -1,43 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
-// Index arithmetic of every buffer that kernels share, and of the same buffers on the host.
+// Layout of all buffers that kernels share with each other or with the host: names for their rows, columns and sizes.
+// The host code includes this header as well.
 #pragma once
 
-#ifndef UBS_OPENCL  // there the sources are concatenated
+#ifndef UBS_OPENCL  // OpenCL programs are one concatenated source
 #include "kernels/variant.h"
 #endif
 
-// ---- Compile-time shape of a splat: UBS_N dimensions, UBS_C = N - 3 of them query dimensions ----
+// ---- Shape of a splat, fixed at compile time: UBS_N dimensions, of which UBS_C = N - 3 are query dimensions ----
 #ifndef UBS_N
 #define UBS_N 6
 #endif
 #define UBS_C (UBS_N - 3)
 
-// Meaning of the query dimensions, in order: view direction (3), time (1), further values.
+// The query dimensions are, in this order: view direction (3), time (1), further values.
 #define UBS_HAS_DIRECTION (UBS_C >= 3)
-#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // query dims from here on come from the camera
+#define UBS_FIRST_VALUE (UBS_HAS_DIRECTION ? 3 : 0)  // query dimensions from here on are stored in the camera record
 
-// ---- Parameters: row k of splat i is params[k * stride + i]; rows in the order of the file ----
+// ---- Parameters: row k of splat i is params[k * stride + i]; the rows have the same order as in the model file ----
 enum {
   kRowXyz = 0,
-  kRowRgb = 3,  // or spherical harmonics: the three constant terms, then the others by channel, or the lobes
+  // The rows of the colour. With rgb these are its three values. Otherwise they start with the three constant terms of
+  // the spherical harmonics (sh0). After these come either the other terms, channel by channel, or the six fields of
+  // the lobes, field by field (lobe_row() of math/colour.h).
+  kRowRgb = 3,
   kRowOpacity = kRowRgb + (UBS_COLOUR ? 3 * UBS_SH_COUNT : 3) + 6 * UBS_LOBES,
   kRowBeta = kRowOpacity + 1,  // of the spatial kernel
   kRowQueryBeta = kRowBeta + (kHasSpatialBeta ? 1 : 0),
   kRowMean = kRowQueryBeta + (kHasQueryBeta ? UBS_C : 0),
   kRowScale = kRowMean + UBS_C,
-  kRowL = kRowScale + UBS_N,  // or the quaternion
+  kRowL = kRowScale + UBS_N,  // with rotations as quaternions: the quaternion
   kRowCount = kRowL + (UBS_ROT_MODE == UBS_ROT_QUATERNION ? 4 : UBS_N * (UBS_N - 1) / 2)
 };
 // Position of element (i, j), i > j, in the packed strict lower triangle (method.md 1.2).
 #define UBS_TRIANGLE(i, j) ((i) * ((i)-1) / 2 + (j))
 
-// ---- Gradients and moments: the rows of the parameters that are learnt, in the same order ----
-// Bit g of UBS_FROZEN: group g is not learnt (host/scene/frozen_groups.hpp).
+// ---- Gradients and moments: they have only the rows of the trained parameters, in the same order ----
+// If bit g of UBS_FROZEN is set, parameter group g is not trained (host/scene/frozen_groups.hpp).
 #ifndef UBS_FROZEN
 #define UBS_FROZEN 0
 #endif
-// X(group, its first row, the row behind it, row): the groups by their numbers, which are those of kParameterGroups
-// (host/scene/splat_model.hpp). 1 is rgb or sh0, 2 the other spherical harmonics or the lobes, 7 l_triangle or rotation.
+// X(group, first row, end row, row): calls X for each parameter group, where `end row` is one past the last row of the
+// group. The groups are numbered as in kParameterGroups (host/scene/splat_model.hpp). Group 1 is rgb or sh0; group 2
+// holds the other spherical harmonics or the lobes; group 7 is l_triangle or the rotation.
 #define UBS_GROUPS(X, row)                                                                               \
   X(0, kRowXyz, kRowRgb, row) X(1, kRowRgb, kRowRgb + 3, row)                                    \
   X(2, kRowRgb + 3, kRowOpacity, row) X(3, kRowOpacity, kRowBeta, row)                           \
@@ -45,11 +50,11 @@ enum {
   X(6, kRowScale, kRowL, row) X(7, kRowL, kRowCount, row)
 #define UBS_LESS_FROZEN(g, first, last, row) \
   - ((UBS_FROZEN >> (g)&1) && (row) > (first) ? ((row) < (last) ? (row) - (first) : (last) - (first)) : 0)
-// Row of gradients and moments of a parameter row.
+// Row in the gradients and moments that belongs to a row of the parameters.
 #define UBS_TRAINED_ROW(row) ((row) UBS_GROUPS(UBS_LESS_FROZEN, row))
 enum { kTrainedRows = UBS_TRAINED_ROW(kRowCount) };
 
-// ---- Camera record: one row of kCameraStride reals a view ----
+// ---- Camera record: one row of kCameraStride reals per view ----
 enum {
   kCameraRotation = 0,    // world -> camera, row-major 3 x 3
   kCameraCentre = 9,      // camera position in the world
@@ -61,8 +66,8 @@ enum {
   kCameraStride = 32
 };
 
-// ---- Projected splat, one record of 16 reals (64 bytes: one cache line) a splat ----
-// The conic is kept as its factor: r = (L00 dx + L01 dy)^2 + (L11 dy)^2, never negative.
+// ---- Projected splat: one record of 16 reals per splat (64 bytes, which is one cache line) ----
+// The conic is stored as its triangular factor: r = (L00 dx + L01 dy)^2 + (L11 dy)^2, which is never negative.
 enum {
   kSplatX, kSplatY,              // mean [px]
   kSplatL00, kSplatL01, kSplatL11,
@@ -71,18 +76,18 @@ enum {
   kSplatR, kSplatG, kSplatB,
   kSplatHx, kSplatHy,            // half extents of the footprint [px]
   kSplatDepth,                   // z of the conditional mean in the camera frame
-  kSplatReach,                   // with UBS_OPACITY_EXTENTS: r beyond which no alpha counts; else not written
+  kSplatReach,                   // with UBS_OPACITY_EXTENTS: alpha is below the limit beyond this r; else not written
   kSplatStride = 16
 };
 
-// ---- Gradient of a projected splat: one slot an intersection; summed per splat ----
+// ---- Gradient of a projected splat: one slot per intersection; the slots of a splat are summed ----
 enum {
   kGradX, kGradY,                // dL/d mean [1/px]
   kGradW00, kGradW01, kGradW11,  // dL/d ellipse in its own coordinates (EllipseVjp of math/ellipse.h)
   kGradOpacity, kGradBeta, kGradR, kGradG, kGradB,
-  kGradDepth,                    // with UBS_DEPTH_GRAD; else not read
-  kGradStride = 16,              // of the sums, and of the slots of CPUs, which are one vector
-  kCardSlotStride = 12           // of the slots of cards (kernels/gpu): the three words of 16 bytes that have a value
+  kGradDepth,                    // with UBS_DEPTH_GRAD; otherwise not read
+  kGradStride = 16,              // stride of the sums, and of the slots on CPUs, where a slot is one vector
+  kCardSlotStride = 12           // stride of the slots on GPUs (kernels/gpu): the three 16-byte words that hold values
 };
 #ifndef UBS_DEPTH_GRAD
 #define UBS_DEPTH_GRAD 0
@@ -90,28 +95,31 @@ enum {
 
 // ---- Gradient of a camera ----
 enum {
-  kCameraGradTurn = 0,   // R -> exp([w]) R about the camera's centre, w along its axes [1/rad]
-  kCameraGradShift = 3,  // p_camera -> p_camera + u
+  // Rotation of the camera about its centre, R -> exp([w]) R, with w in the axes of the camera [1/rad].
+  kCameraGradTurn = 0,
+  kCameraGradShift = 3,  // translation of the camera frame, p_camera -> p_camera + u
   kCameraGradFocal = 6,
   kCameraGradPrincipal = 8,
-  kCameraGradQuery = 10,  // time, then further query values, as in the camera's record
+  kCameraGradQuery = 10,  // time, then further query values, as in the camera record
   kCameraGrads = 15
 };
 
 // ---- Tiles ----
 enum { kTileSide = 16 };  // [px]
-// Entries of a tile's list that a group of the backward rasteriser takes (gpu/list_segments.h); a multiple of 256.
+// Number of list entries that one work-group of the backward rasteriser processes (gpu/list_segments.h); a multiple of
+// 256.
 enum { kListSegment = 512 };
-// Entries of a part of a long list, which a group of the forward rasteriser takes (gpu/list_parts.h), a multiple of
-// kListSegment; lists of more than kLongList entries are long.
+// A list with more than kLongList entries is long. The forward rasteriser divides long lists into parts of kListPart
+// entries, and one work-group processes one part (gpu/list_parts.h). kListPart is a multiple of kListSegment.
 enum { kListPart = 1024, kLongList = 2 * kListPart };
-// Depth key of a splat that is not drawn in this view; drawn splats have keys of positive floats.
+// Depth key of a splat that is not visible in this view. The key of a visible splat is the bit pattern of its depth, a
+// positive float.
 #define UBS_KEY_CULLED 0xffffffffu
 
-// ---- What the draws of one iteration are for (kernels/math/rng.h) ----
-// Part of the counter, so that uses never share numbers. The top bits keep them apart from the host's
-// initialisation, which shares the seed.
+// ---- Purposes of the random numbers of one iteration (kernels/math/rng.h) ----
+// The purpose is part of the counter of the generator, so that different uses never share random numbers. The upper
+// bits differ from those of the host's initialisation, which uses the same seed.
 enum { kDrawRelocate = 0x55000001, kDrawGrow, kDrawNoise };
 
-// Images are planar (channel, row, column); the row pitch and the number of rows are the size
-// rounded up to whole tiles. Elements outside width x height are undefined.
+// Images are planar (channel, row, column). The row pitch and the number of rows are the size of the image rounded up
+// to whole tiles. Elements outside width x height are undefined.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Little-endian values from a block of bytes; every read is checked against the end.
+// ByteReader reads little-endian values from a block of bytes. Every read is checked against the end of the
+// block.
 #pragma once
 
 #include <cstddef>
@@ -35,8 +36,8 @@ class ByteReader {
 
   void skip(std::size_t count) { take(count); }
 
-  // A count of records of at least `smallest` bytes; what cannot fit in the file is refused before any
-  // memory is set aside for it.
+  // Reads the number of records that follow, each of which has at least `smallest` bytes. Fails if they
+  // cannot fit into the rest of the file, before any memory is allocated for them.
   template <typename T>
   std::size_t read_count(std::size_t smallest, const char* what) {
     const T count = read<T>();
@@ -46,7 +47,7 @@ class ByteReader {
     return static_cast<std::size_t>(count);
   }
 
-  // Up to and without the next zero byte.
+  // Reads a string up to the next zero byte, which is not included.
   std::string read_string() {
     std::string text;
     while (const char c = read<char>()) text += c;

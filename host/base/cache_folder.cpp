@@ -24,7 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The kernels of a training are 2.2 MiB with PoCL 3.1: a disk without room for them is full.
+// Size of the file for the check. The kernels of a training take 2.2 MiB with PoCL 3.1; a disk without space
+// for them counts as full.
 constexpr std::size_t kProbeBytes = std::size_t{4} << 20;
 
 std::string reason(int code) { return std::strerror(code); }
@@ -46,7 +47,7 @@ std::string write_defect(const fs::path& folder) {
   if (opened < 0) return reason(errno);
   std::string why;
   if (!write_all(opened, std::vector<char>(kProbeBytes))) why = reason(errno);
-  if (::close(opened) != 0 && why.empty()) why = reason(errno);  // network file systems say it here
+  if (::close(opened) != 0 && why.empty()) why = reason(errno);  // network file systems report the error here
   ::unlink(file.c_str());
   return why;
 }
@@ -69,7 +70,7 @@ std::string exec_defect(const fs::path& folder) {
 }
 
 std::recursive_mutex cache_mutex;
-std::map<fs::path, fs::path> usable;  // by what was wanted
+std::map<fs::path, fs::path> usable;  // by wanted folder
 std::string defects;
 
 void note(const std::string& defect) { defects += (defects.empty() ? "" : "; ") + defect; }
@@ -121,8 +122,8 @@ fs::path temporary_cache() {
 fs::path process_cache() {
   const std::lock_guard lock(cache_mutex);
   try {
-    static const TemporaryFolder folder;  // mkdtemp: of mode 0700, and nobody else's
-    // Little room is no reason to have none: the driver says itself what it cannot write.
+    static const TemporaryFolder folder;  // by mkdtemp: mode 0700, not shared with other users
+    // A nearly full disk does not matter here: the driver reports what it cannot write.
     const std::string defect = exec_defect(folder.path());
     if (defect.empty()) return folder.path();
     note(fmt::format("{}: {}", folder.path().string(), defect));

@@ -25,7 +25,8 @@ namespace {
 
 constexpr std::chrono::milliseconds kPollInterval{50};
 
-// Between fork and exec; only async-signal-safe calls. Handlers fall back to the default by themselves.
+// Runs between fork and exec, so it makes only async-signal-safe calls. exec resets signal handlers to their
+// defaults.
 [[noreturn]] void become(char* const* arguments, int log, pid_t parent) {
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(127);  // the parent died before the line above
@@ -37,7 +38,8 @@ constexpr std::chrono::milliseconds kPollInterval{50};
   _exit(127);
 }
 
-// Ends and collects the child unless it has been collected: no orphan stays when `stop` throws.
+// Kills the child and waits for it, unless it has been waited for already, so that it does not keep running
+// if `stop` throws.
 class Collector {
  public:
   explicit Collector(pid_t child) : child_(child) {}
@@ -60,7 +62,7 @@ std::string command_text(const std::vector<std::string>& arguments) {
   return fmt::format("$ {}\n", fmt::join(words, " "));
 }
 
-// Failures are ignored: the log is for people, and no result depends on it.
+// Failures are ignored, because the log is only for people and no result depends on it.
 void sync(const std::filesystem::path& log) {
   const int file = open(log.c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return;

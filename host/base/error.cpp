@@ -37,11 +37,11 @@ Error as_error(const std::exception& exception) {
   if (dynamic_cast<const std::bad_alloc*>(&exception))
     return {ErrorKind::memory,
             "out of memory: use fewer splats, smaller images (--downscale) or fewer views"};
-  // host/base/paths.hpp should have had it.
+  // This should not happen: host/base/paths.hpp converts these exceptions.
   if (const auto* error = dynamic_cast<const std::filesystem::filesystem_error*>(&exception))
     return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
   if (const auto* error = dynamic_cast<const std::system_error*>(&exception))
-    if (error->code() == std::errc::resource_unavailable_try_again)  // std::thread's
+    if (error->code() == std::errc::resource_unavailable_try_again)  // thrown by std::thread
       return {
           ErrorKind::memory,
           "the system gives this process no further thread: raise the limit (ulimit -u, of the container, "

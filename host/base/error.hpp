@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one exception type of the project. Its kind decides the exit code of the command line tool
-// (see exit_code); its message is a single line: what is wrong, where, and what to do about it.
+// Error is the only exception type of the project. Its kind determines the exit code of the command line tool
+// (see exit_code()). Its message is a single line that says what is wrong, where, and what to do about it.
 #pragma once
 
 #include <fmt/format.h>
@@ -19,7 +19,7 @@ enum class ErrorKind {
   memory,     // predicted or actual lack of memory                       exit 6
   numerical,  // a non-finite value that must not pass silently           exit 7
   faulty,     // a device that computes wrong results (docs/check.md)     exit 10
-  internal,   // a broken promise of ours: please report                  exit 1
+  internal,   // an error in ubs itself: please report it                 exit 1
 };
 
 int exit_code(ErrorKind kind);

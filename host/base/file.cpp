@@ -59,7 +59,7 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
 constexpr const char* kTemporary = ".ubs-tmp-";
 
-// Once per process and folder.
+// Runs once per process and folder.
 void tidy(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<fs::path> known;
@@ -70,8 +70,9 @@ void tidy(const fs::path& folder) {
   remove_abandoned(folder);
 }
 
-// Opens a new file and holds it; -1 with errno where that cannot be. The process number keeps two processes
-// apart, the counter two threads of one, O_EXCL processes of machines that share a disk.
+// Creates a new file and locks it. Returns -1 and sets errno if this fails. The process number in the name
+// distinguishes processes, the counter distinguishes threads of one process, and O_EXCL distinguishes
+// processes on machines that share a disk.
 int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& name) {
   static std::atomic<unsigned> counter{0};
   for (;;) {
@@ -81,8 +82,9 @@ int open_temporary(const fs::path& folder, std::string_view suffix, fs::path& na
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return file;
     struct stat status {};
-    // Another process may take it for abandoned before it is held: it then holds it, or has removed it. Other
-    // failures are of file systems without locks; nobody removes a file there.
+    // Between open() and flock() another process may treat the file as abandoned and lock or delete it; then
+    // try another name. If flock() fails for another reason, the file system has no locks, and no process
+    // removes the file.
     const bool held = ::flock(file, LOCK_EX | LOCK_NB) == 0;
     const bool taken = held ? ::fstat(file, &status) == 0 && status.st_nlink == 0 : errno == EWOULDBLOCK;
     if (taken) {
@@ -111,7 +113,7 @@ void rename_or_fail(const fs::path& from, const fs::path& to) {
 
 void check_ordinary(const fs::path& path) {
   struct stat status {};
-  if (::lstat(path.c_str(), &status) != 0 || S_ISREG(status.st_mode)) return;  // opening says what is wrong
+  if (::lstat(path.c_str(), &status) != 0 || S_ISREG(status.st_mode)) return;  // open() will report it
   fail(ErrorKind::data, "{}: this is {}, which ubs does not replace with a file: choose another name",
        path.string(),
        S_ISDIR(status.st_mode)   ? "a folder"

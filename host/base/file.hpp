@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading whole files, and writing files that are never seen half done: the data go to a temporary file in
-// the same folder, which takes the final name in one rename. Every failure names the path.
+// Reads whole files, and writes files so that no process ever sees an incomplete one: the data are written to
+// a temporary file in the same folder, which is then renamed to the final name. Every error message contains
+// the path.
 //
-// Results are on the disk when commit() returns: the file is synchronised before the rename, its folder after
-// it. So a power cut leaves the old file or the new one, and what was written before another file is there if
-// that one is.
+// When commit() returns, the results are on the disk: the file is synchronised before it is renamed, and its
+// folder afterwards. So after a power failure there is either the old file or the new one. If a file is
+// there, so are all files that were written before it.
 #pragma once
 
 #include <cstddef>
@@ -31,14 +32,15 @@ void check_ordinary(const std::filesystem::path& path);
 
 enum class FileUse {
   result,  // synchronised
-  cache  // not synchronised: it can be made again, readers must notice damage, and waiting for the disk could
-         // cost more than making it
+  // Not synchronised, because the file can be created again, and waiting for the disk could take longer than
+  // that. Readers must detect damage.
+  cache
 };
 
-// Writes into ".ubs-tmp-<process>-<number><suffix>" beside `path` until commit(), which replaces the file of
-// that name; a destructor without commit removes the temporary file. While it is written it is locked
-// (flock): an unlocked one was left by a killed process, and is removed when a process writes its first file
-// into the folder.
+// AtomicFile writes to the file ".ubs-tmp-<process>-<number><suffix>" next to `path`. commit() then renames
+// it, which replaces an existing file at `path`. Without commit(), the destructor removes the temporary file.
+// The temporary file is locked (flock) while it is written. So an unlocked one must be left over from a
+// killed process; such files are removed when a process writes its first file to the folder.
 class AtomicFile {
  public:
   // Throws Error(data) if `path` is not an ordinary file, or cannot be written.
@@ -52,9 +54,9 @@ class AtomicFile {
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
   void commit();
 
-  // For encoders that take a name, and for parts of the file that other processes write.
+  // The name for encoders that need one, and for parts of the file that other processes write.
   const std::filesystem::path& temporary() const { return temporary_; }
-  // Leaves room for `bytes` that another process writes into temporary() (PartOfFile).
+  // Skips `bytes`, which another process writes to temporary() (PartOfFile).
   void skip(std::uint64_t bytes);
 
  private:
@@ -67,7 +69,7 @@ class AtomicFile {
   std::vector<std::byte> buffer_;
 };
 
-// A part of the temporary file of an AtomicFile that another process writes.
+// PartOfFile writes a part of the temporary file of an AtomicFile that belongs to another process.
 class PartOfFile {
  public:
   explicit PartOfFile(std::filesystem::path temporary);
@@ -87,7 +89,7 @@ void write_file_atomically(const std::filesystem::path& path, std::span<const st
 void write_file_atomically(const std::filesystem::path& path, std::string_view text,
                            FileUse use = FileUse::result);
 
-// Removes temporary files in the folder that killed processes have left: those that nobody holds by flock.
+// Removes temporary files that killed processes have left in the folder: those that are not locked by flock.
 void remove_abandoned(const std::filesystem::path& folder);
 
 }  // namespace ubs

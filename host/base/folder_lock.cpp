@@ -54,7 +54,7 @@ FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(fold
          folder_.string(), holder_in(path_));
 }
 
-// The holder removes the file when it goes: what was opened may be a file that has just lost its name.
+// The holder removes the file when it releases the lock, so the opened file may just have lost its name.
 bool FolderLock::try_once() {
   const int file = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (file < 0) fail(ErrorKind::data, "{}: cannot write: {}", path_.string(), std::strerror(errno));
@@ -71,7 +71,7 @@ bool FolderLock::try_once() {
   }
   file_ = file;
   const std::string text = this_holder() + "\n";
-  // For people alone: the lock holds without it, on a full disk too.
+  // The contents are only for people. The lock does not depend on them, so that a full disk does not matter.
   if (::ftruncate(file, 0) != 0 || ::write(file, text.data(), text.size()) < 0) return true;
   return true;
 }
@@ -79,7 +79,7 @@ bool FolderLock::try_once() {
 FolderLock::~FolderLock() {
   if (file_ < 0) return;
   ::unlink(path_.c_str());
-  if (made_) ::rmdir(folder_.c_str());  // which fails where there are results
+  if (made_) ::rmdir(folder_.c_str());  // fails if it contains results
   ::close(file_);
 }
 

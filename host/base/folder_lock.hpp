@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Holds a folder of results against other processes that would write there, by a lock that the system removes
-// with its holders: a file ".ubs-lock" in the folder, which says who holds it.
+// FolderLock locks a folder of results against other processes that would write there. It locks the file
+// ".ubs-lock" in this folder. The file says which process has the lock. The system releases the lock when
+// that process ends.
 #pragma once
 
 #include <filesystem>
@@ -9,9 +10,9 @@ namespace ubs {
 
 class FolderLock {
  public:
-  // Creates the folder if it is missing, and removes it at the end if it is still empty. Throws Error(usage)
-  // that names the holder if another process has the lock. On file systems without locks there is a warning
-  // and no lock.
+  // Creates the folder if it is missing, and removes it at the end if it is still empty. Throws Error(usage),
+  // naming the holder, if another process has the lock. On file systems without locks it prints a warning and
+  // does not lock.
   explicit FolderLock(std::filesystem::path folder);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers of a sequence: `first`, then every `step`-th one before `end`.
+// IndexRange is a range of indices: `first`, then every `step`-th one before `end`.
 #pragma once
 
 #include <fmt/format.h>
@@ -16,7 +16,8 @@ struct IndexRange {
   bool operator==(const IndexRange&) const = default;
 };
 
-// "0:300:2", "10" for all from there on, or "" for all numbers, as settings have it.
+// Returns the text of a range as it is written in settings: "0:300:2", "10" for all from 10 on, or "" for all
+// indices.
 inline std::string to_string(const IndexRange& range) {
   if (range == IndexRange{}) return "";
   if (range.end == INT_MAX && range.step == 1) return fmt::format("{}", range.first);

@@ -14,14 +14,16 @@ namespace {
 
 using Convert = std::string (*)(std::string_view);
 
-// A value in an array takes 16 bytes, a member of an object 48 and its name; vectors hold twice that while
-// they grow, and an object has a map of its names while it is read.
+// Estimated memory per value. A value in an array takes 16 bytes; a member of an object takes 48 bytes and
+// its name. Vectors take twice that while they grow, and an object also has a map of its names while it is
+// read.
 constexpr std::uint64_t kBytesAValue = 256;
-constexpr std::uint64_t kSmallJson = 16 << 20;  // bytes that every process has
+constexpr std::uint64_t kSmallJson = 16 << 20;  // bytes that every process has available
 
-// Builds what sax_parse reads, in time proportional to the text. The library's own builder looks through all
-// members of an object for each further one, and with a callback through all of a parent for each end. Of
-// members with the same name the last value counts, in the place of the first.
+// Builds the values that sax_parse reads, in time proportional to the text. The library's own builder
+// searches all members of an object for each further one, and with a callback it searches all members of a
+// parent at each end. If several members have the same name, the last value is used, at the position of the
+// first.
 class JsonBuilder : public nlohmann::json_sax<Json> {
  public:
   JsonBuilder(const std::string& name, Convert convert) : name_(name), convert_(convert) {}
@@ -34,7 +36,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
   bool number_unsigned(number_unsigned_t value) override { return put(value); }
   bool number_float(number_float_t value, const string_t&) override { return put(value); }
   bool string(string_t& value) override { return put(convert_ ? convert_(value) : std::move(value)); }
-  bool binary(binary_t&) override { return false; }  // text has none
+  bool binary(binary_t&) override { return false; }  // JSON text contains no binary values
 
   bool start_object(std::size_t) override { return open(false); }
   bool start_array(std::size_t) override { return open(true); }
@@ -46,13 +48,13 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
     auto& members = open_.back().members;
     Json object = Json::object();
     auto& to = object.get_ref<Json::object_t&>();
-    to.reserve(members.size());  // growing would copy all that is below
+    to.reserve(members.size());  // growing would copy everything below
     for (auto& [key, value] : members) to.emplace_back(std::move(key), std::move(value));
     return close(std::move(object));
   }
   bool end_array() override { return close(std::move(open_.back().items)); }
   bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
-    fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // it has line and column
+    fail(ErrorKind::data, "{}: malformed JSON: {}", name_, error.what());  // what() contains line and column
   }
 
  private:
@@ -60,7 +62,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
     bool is_array;
     Json::array_t items;
     std::vector<std::pair<std::string, Json>> members;
-    std::map<std::string, std::size_t> places;  // of the members
+    std::map<std::string, std::size_t> places;  // indices of the members
     std::string key;
   };
 
@@ -95,8 +97,9 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
   std::vector<Open> open_;
 };
 
-// The library cannot even destroy a value without memory. So what could take more than there is, is refused
-// before it is read. Each value stands alone or behind one of these characters.
+// Checks the size before parsing, because the library needs memory even to destroy a value. A text that may
+// need more memory than is available is rejected. The estimate counts the characters that precede values;
+// each value except the outermost one follows one of them.
 void check_size(std::string_view text, const std::string& name) {
   if (text.size() > kLargestJson)
     fail(ErrorKind::data, "{}: JSON of {} bytes: at most {} are read", name, text.size(), kLargestJson);
@@ -118,7 +121,7 @@ Json with_encoded_strings(const Json& json) {
   Json result = json.is_array() ? Json::array() : Json::object();
   if (json.is_array()) {
     for (const Json& item : json) result.push_back(with_encoded_strings(item));
-  } else {  // two names never get the same code, so none is looked for
+  } else {  // different names have different codes, so there are no duplicates
     auto& members = result.get_ref<Json::object_t&>();
     members.reserve(json.size());
     for (const auto& [key, value] : json.items())

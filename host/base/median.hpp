@@ -7,7 +7,8 @@
 
 namespace ubs {
 
-// The upper one where their number is even. There must be at least one value.
+// Returns the median. For an even number of values it is the larger of the two middle ones. There must be at
+// least one value.
 inline double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::ranges::nth_element(values, middle);

@@ -20,16 +20,18 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
-// Beyond what the process holds once devices are listed, without buffers to speak of: 206 MiB of private
-// memory while kernels are compiled (N = 7; 25 with kernels from the cache), 87 MiB of address space
-// (PoCL 3.1 with LLVM 14, x86-64, two cores).
+// Memory that a driver needs in addition to what the process uses after listing the devices, without large
+// buffers. With PoCL 3.1 and LLVM 14 (x86-64, two cores) it is 206 MiB of private memory while kernels for
+// N = 7 are compiled (25 MiB if the kernels come from the cache), and 87 MiB of address space.
 constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
-// Its libraries and threads: with 264 MiB of address space left PoCL lists no device, with 314 it does.
+// Address space for its libraries and threads: with 264 MiB of address space left PoCL lists no device, with
+// 314 MiB it does.
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
-// The limits of a group and of those above it; "max", files that are not there, and what version 1 says
-// instead of "max", 2^63 less a page, are none. In a container the names may be those outside of it: its own
-// group is then the root that it sees.
+// Returns the smallest limit of a group and the groups above it. A missing file, the word "max", and the
+// value that version 1 uses instead of it, 2^63 minus one page, mean that there is no limit. In a container,
+// the names of the groups may be those outside the container; the root that the container sees is then its
+// own group.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
   std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {
@@ -49,7 +51,7 @@ std::uint64_t resident_bytes() {
   return 0;
 }
 
-// A number of pages in /proc/self/statm: 0 all, 5 data and stack.
+// Returns a number of pages from /proc/self/statm: column 0 is the total, column 5 data and stack.
 std::uint64_t pages(std::size_t column) noexcept {
   char text[256] = {};
   const int file = ::open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
@@ -65,7 +67,7 @@ std::uint64_t pages(std::size_t column) noexcept {
 
 struct ProcessLimit {
   int resource;
-  std::size_t column;  // of statm
+  std::size_t column;  // column of /proc/self/statm
   const char* name;
 };
 constexpr std::array kProcessLimits{ProcessLimit{RLIMIT_AS, 0, "address space, ulimit -v"},

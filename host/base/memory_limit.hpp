@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much memory the system lets this process have, where that is less than the machine has: containers and
-// batch systems limit groups of processes, and end without a word what goes beyond; `ulimit` limits the
-// address space or the data of a process, beyond which allocations fail, in drivers too.
+// Determines how much memory this process may use if the system allows less than the machine has. Containers
+// and batch systems limit groups of processes, and kill processes that exceed the limit without a message.
+// `ulimit` limits the address space or the data of a process; allocations beyond that limit fail, also those
+// of drivers.
 #pragma once
 
 #include <cstdint>
@@ -17,11 +18,12 @@ inline double gib(std::uint64_t bytes) { return mib(bytes) / 1024; }
 
 inline constexpr std::uint64_t kNoMemoryLimit = std::numeric_limits<std::uint64_t>::max();
 
-// The least limit of the control groups (version 1 and 2) that the process is in [bytes]; kNoMemoryLimit
-// where there is none. `root`: of the file system, for tests.
+// Returns the smallest limit of the control groups (version 1 and 2) that the process belongs to [bytes], or
+// kNoMemoryLimit if there is none. root: root of the file system, for tests.
 std::uint64_t memory_limit(const std::filesystem::path& root = "/");
 
-// What the limits of the process itself (RLIMIT_AS, RLIMIT_DATA) leave, of the one that leaves least.
+// The limit of the process itself (RLIMIT_AS, RLIMIT_DATA) that leaves the least memory, and how much it
+// leaves.
 struct MemoryRoom {
   std::uint64_t limit = kNoMemoryLimit, left = kNoMemoryLimit;     // bytes
   const char* name = "no limit";                                   // "address space, ulimit -v"
@@ -30,21 +32,23 @@ struct MemoryRoom {
 // Async-signal-safe.
 MemoryRoom process_memory() noexcept;
 
-// What all limits leave for the buffers of a device that has its memory from the system, once it is open:
-// without what the process already holds and what the device's compiler needs.
+// Returns how much memory all limits leave for the buffers of a device that uses system memory, once it is
+// open. The memory that the process already uses, and that the device's compiler needs, is subtracted.
 std::uint64_t memory_left();
 
-// What the machine and all limits can give without swapping, for what is no buffer of a device.
+// Returns how much memory the machine and all limits can provide without swapping, for data other than device
+// buffers.
 std::uint64_t memory_available();
 
-// Throws Error(memory) that starts with `what`, with the numbers, where more bytes are wanted than
-// memory_available() has. For sizes that a file states.
+// Throws Error(memory) if `bytes` exceeds memory_available(). The message starts with `what` and contains the
+// numbers. For sizes that are read from a file.
 void require_memory(std::uint64_t bytes, const std::string& what);
 
-// Throws Error(memory) where the process's limits leave no room for an OpenCL driver.
+// Throws Error(memory) if the limits of the process leave too little memory for an OpenCL driver.
 void check_driver_fits();
 
-// "; limits: control group 512 MiB, address space (ulimit -v) 900 MiB"; empty without limits.
+// Returns for example "; limits: control group 512 MiB, address space (ulimit -v) 900 MiB", or an empty
+// string without limits.
 std::string memory_limits_text();
 
 }  // namespace ubs

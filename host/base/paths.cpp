@@ -93,7 +93,7 @@ void sync_folder(const fs::path& folder) {
   const int result = uninterrupted([&] { return ::fsync(opened); });
   const std::error_code error(result == 0 ? 0 : errno, std::generic_category());
   ::close(opened);
-  // Some file systems cannot do this to folders; then there is nothing to wait for.
+  // Some file systems do not support this for folders; then there is nothing to wait for.
   if (error && error != std::errc::invalid_argument && error != std::errc::not_supported)
     refuse(folder, "cannot be written to the disk", error);
 }
@@ -112,7 +112,7 @@ fs::path resolved_path(const fs::path& path) {
   fs::path result = fs::weakly_canonical(path, error);
   check(error, path, "cannot be followed");
   if (!result.is_absolute()) result = absolute_path(result).lexically_normal();
-  return result.has_filename() ? result : result.parent_path();  // no separator at the end
+  return result.has_filename() ? result : result.parent_path();  // without a separator at the end
 }
 
 std::string small_extension(const fs::path& file) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Philox4x32-10, the counter-based generator of Salmon, Moraes, Dror and Shaw, "Parallel random
-// numbers: as easy as 1, 2, 3" (SC 2011): ten rounds of multiply-and-swap turn a 128-bit counter and a
-// 64-bit key into 128 random bits. There is no state: value j of item i is a function of
-// (seed, stream, i, j) alone, hence independent of thread count, order of calls and standard library.
+// The counter-based generator Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as
+// easy as 1, 2, 3" (SC 2011). Ten rounds of multiply-and-swap turn a 128-bit counter and a 64-bit key into
+// 128 random bits. There is no state: value j of item i depends only on (seed, stream, i, j). So it is
+// independent of the number of threads, the order of calls and the standard library.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ inline PhiloxCounter philox4x32_10(PhiloxCounter c, PhiloxKey k) {
   return c;
 }
 
-// Random access to independent draws. `stream` separates uses that share one seed; an item may draw
-// uniform and normal values of the same lane: they come from different counters.
+// CounterRandom gives random access to independent random numbers. `stream` separates uses that share a seed.
+// An item may use uniform and normal values of the same lane, because they come from different counters.
 class CounterRandom {
  public:
   CounterRandom(std::uint64_t seed, std::uint32_t stream)
@@ -36,14 +36,15 @@ class CounterRandom {
 
   std::uint32_t bits(std::uint64_t item, std::uint32_t lane) const { return block(item, lane / 4)[lane % 4]; }
 
-  // In the open interval (0, 1): the half step keeps log() finite in normal().
+  // Returns a number in the open interval (0, 1). The offset of half a step keeps log() finite in normal().
   double uniform(std::uint64_t item, std::uint32_t lane) const { return to_unit(bits(item, lane)); }
 
   double uniform(std::uint64_t item, std::uint32_t lane, double low, double high) const {
     return low + (high - low) * uniform(item, lane);
   }
 
-  // Standard normal by Box and Muller: two uniforms give two normals, so four bits-words give four.
+  // Returns a standard normal by the method of Box and Muller: two uniforms give two normals, so four words
+  // of bits give four.
   double normal(std::uint64_t item, std::uint32_t lane) const {
     const PhiloxCounter words = block(item, kNormalBlocks | (lane / 4));
     const std::uint32_t pair = (lane % 4) / 2 * 2;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random numbers for made-up scenes and inputs of checks. The generator is our own because the results of the
-// distributions in <random> depend on the standard library. Kernels and training draw from counters instead
-// (philox.hpp).
+// Random numbers for synthetic scenes and for inputs of checks. ubs has its own generator, because the
+// results of the distributions in <random> depend on the standard library. Kernels and training use the
+// counter-based generator instead (philox.hpp).
 #pragma once
 
 #include <cstdint>
@@ -20,11 +20,11 @@ class Random {
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
     return z ^ (z >> 31);
   }
-  // In [low, high).
+  // Returns a number in [low, high).
   double uniform(double low, double high) {
     return low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1p-53);
   }
-  // The sum of 12 uniforms: mean 0, standard deviation 1, and never beyond 6.
+  // Returns the sum of 12 uniforms minus 6: mean 0, standard deviation 1, and a magnitude of at most 6.
   double normal() {
     double sum = -6;
     for (int i = 0; i < 12; ++i) sum += uniform(0, 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder below the system's temporary folder that disappears with the object.
+// TemporaryFolder is a folder in the system's temporary folder. It is removed together with the object.
 #pragma once
 
 #include <stdlib.h>

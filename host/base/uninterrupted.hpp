@@ -5,7 +5,7 @@
 
 namespace ubs {
 
-// Makes a system call until no signal comes between.
+// Repeats a system call while it fails with EINTR.
 template <typename Call>
 auto uninterrupted(const Call& call) {
   for (;;)

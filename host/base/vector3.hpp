@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The little vector arithmetic that camera poses need, on the arrays that Camera is made of.
+// The vector arithmetic that camera poses need, for the arrays that Camera consists of.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@ inline Vec3 cross(const Vec3& a, const Vec3& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-// Unit length; `otherwise` for vectors too short to have a direction.
+// Returns the vector scaled to unit length, or `otherwise` if it is too short to have a direction.
 inline Vec3 normalised(const Vec3& a, const Vec3& otherwise = {0, 0, 1}) {
   const double l = length(a);
   return l > 1e-12 ? (1 / l) * a : otherwise;
@@ -44,7 +44,7 @@ inline Vec3 rotated(const RotationMatrix& r, const Vec3& v) {
           r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
 }
 
-// A unit vector at right angles to the unit vector `a`.
+// Returns a unit vector that is perpendicular to the unit vector `a`.
 inline Vec3 perpendicular(const Vec3& a) {
   return normalised(cross(a, std::abs(a[0]) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}));
 }

@@ -14,7 +14,7 @@
 namespace ubs {
 namespace {
 
-// The note NT_GNU_BUILD_ID of one mapped segment, if it is there.
+// Returns the build ID in the note NT_GNU_BUILD_ID of a mapped segment, or an empty string.
 std::string find_build_id(const char* at, std::size_t size) {
   const auto padded = [](std::size_t n) { return (n + 3) / 4 * 4; };
   while (size >= sizeof(ElfW(Nhdr))) {
@@ -36,7 +36,7 @@ std::string find_build_id(const char* at, std::size_t size) {
 }
 
 struct Search {
-  ElfW(Addr) address;  // in the object that is looked for
+  ElfW(Addr) address;  // an address in the object to look for
   std::string id;
 };
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What identifies this program, or the library where it is one, in results: the release, and a hash of its
-// code made by the linker, which holds without version control and differs as soon as anything compiled in
-// differs.
+// Identifies this program (or the library) in results: the release, and a hash of its code that the linker
+// computes. The hash is independent of version control, and changes whenever any compiled code changes.
 #pragma once
 
 #include <string>
@@ -10,6 +9,6 @@ namespace ubs {
 
 extern const char* const kVersion;  // "0.2.0"
 std::string version();
-std::string build_id();  // hexadecimal; "unknown" when linked without --build-id
+std::string build_id();  // hexadecimal; "unknown" if linked without --build-id
 
 }  // namespace ubs

@@ -11,7 +11,7 @@ namespace ubs {
 namespace {
 
 struct Log {
-  std::recursive_mutex mutex;  // a log function may set another one
+  std::recursive_mutex mutex;  // recursive, because a log function may set another one
   LogFunction function;
 };
 
@@ -35,7 +35,7 @@ void log_line(LogLevel level, const std::string& whole) noexcept {
       function(level, text);
     else if (level == LogLevel::warning)
       std::fputs(fmt::format("ubs: warning: {}\n", encode_text(text)).c_str(), stderr);
-  } catch (...) {  // what cannot be said is no reason to stop
+  } catch (...) {  // a message that cannot be printed is not a reason to stop
   }
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Remarks of the library for the user, in lines: what goes on without what it could not have (warnings), and
-// what takes time (notices). They go to one function of the process: the executable's writes to stderr,
-// programs that use the library set their own.
+// Messages of the library to the user, one line each. Warnings report that ubs continues without something
+// that is missing or does not work; notices announce work that takes time. They go to one function of the
+// process: that of the executable writes to stderr; programs that use the library set their own.
 #pragma once
 
 #include <fmt/format.h>
@@ -15,8 +15,8 @@ namespace ubs {
 enum class LogLevel { notice, warning };
 using LogFunction = std::function<void(LogLevel, const std::string&)>;
 
-// Called by one thread at a time. An empty function: warnings go to stderr as "ubs: warning: TEXT", notices
-// nowhere.
+// Sets the function. It is called by one thread at a time. With an empty function, warnings go to stderr as
+// "ubs: warning: TEXT", and notices are discarded.
 void set_log(LogFunction log);
 void log_line(LogLevel level, const std::string& text) noexcept;
 
@@ -25,7 +25,7 @@ void warn(fmt::format_string<Args...> format, Args&&... args) {
   log_line(LogLevel::warning, fmt::format(format, std::forward<Args>(args)...));
 }
 
-// At most once a process for the same text: devices are listed several times in a process.
+// Prints each text at most once per process, because devices are listed several times in a process.
 void warn_once(const std::string& text);
 
 }  // namespace ubs

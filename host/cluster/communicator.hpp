@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The seam to the other processes of a job, its ranks: what training and commands know of them. All ranks
-// call the same functions in the same order. What they add up are integers, so that no sum depends on the
-// number of ranks or on how a library adds.
+// Communicator connects this process to the other processes of a job, its ranks. Training and commands only
+// use this interface. All ranks must call the same functions in the same order. Only integers are summed, so
+// that no sum depends on the number of ranks or on the order in which a library adds.
 #pragma once
 
 #include <cstddef>
@@ -14,17 +14,18 @@
 namespace ubs {
 
 using Bytes = std::vector<std::byte>;
-using Pieces = std::vector<std::span<const std::byte>>;  // by rank
+using Pieces = std::vector<std::span<const std::byte>>;  // one per rank
 
-// Pieces that are on their way.
+// A pending exchange of pieces between the ranks.
 class Exchange {
  public:
   virtual ~Exchange() = default;
-  // Waits. How many bytes come, by the rank that they come from.
+  // Returns how many bytes arrive from each rank. Waits.
   virtual const std::vector<std::uint64_t>& sizes() = 0;
-  // Waits for what comes, each piece where `into` says, and until the own pieces may change.
+  // Receives the pieces into the addresses in `into`, one per rank. Waits until all of them have arrived, and
+  // until this rank may change the pieces that it sends.
   virtual void receive(std::span<std::byte* const> into) = 0;
-  // The same, into memory of the host.
+  // The same, into host memory.
   std::vector<Bytes> finish();
 };
 
@@ -33,28 +34,29 @@ class Communicator {
   virtual ~Communicator() = default;
   virtual int rank() const = 0;
   virtual int size() const = 0;
-  // Piece i goes to rank i. Pieces may be empty, and of any size; they stay as they are until receive().
-  // Other calls may come in between.
+  // Sends piece i to rank i. Pieces may be empty and of any size. They must not change until receive()
+  // returns. Other calls may be made in between.
   virtual std::unique_ptr<Exchange> start(const Pieces& pieces) = 0;
   std::vector<Bytes> exchange(const Pieces& pieces) { return start(pieces)->finish(); }
-  // Whether what travels to and from other ranks may lie in the memory of a CUDA card.
+  // Returns whether data for and from other ranks may be in the memory of a CUDA device.
   virtual bool takes_card_memory() const { return false; }
-  // Over all ranks, modulo 2^64; all get it.
+  // Sums the values over all ranks, modulo 2^64. All ranks get the result.
   virtual void sum(std::span<std::uint64_t> values) = 0;
 
   bool first() const { return rank() == 0; }
-  // What the first rank has.
+  // Returns the value of the first rank on all ranks.
   std::uint64_t of_first(std::uint64_t value);
-  // Numbers that one rank each has, where all others have +0: the bits of that one.
+  // Combines numbers of which each is set on one rank and is +0 on all others. Afterwards all ranks have
+  // exactly these numbers.
   void merge(std::span<float> values);
-  // To all ranks, from all ranks.
+  // Returns the texts of all ranks on all ranks.
   std::vector<std::string> all_texts(const std::string& text);
 };
 
-// A process that is no part of a job.
+// The communicator of a process that does not belong to a job.
 Communicator& alone();
 
-// Typed pieces.
+// Exchanges pieces of typed values.
 template <typename T>
 std::vector<Bytes> exchange_values(Communicator& ranks, const std::vector<std::vector<T>>& pieces) {
   Pieces bytes;
@@ -62,7 +64,8 @@ std::vector<Bytes> exchange_values(Communicator& ranks, const std::vector<std::v
   return ranks.exchange(bytes);
 }
 
-// What has come is aligned for every type that travels: it is a vector's memory.
+// Interprets received bytes as values. They are the memory of a vector, so they are aligned for all types
+// that are sent.
 template <typename T>
 std::span<const T> as_values(const Bytes& bytes) {
   return {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};

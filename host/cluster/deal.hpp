@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which rank draws which view of a batch. Ranks that are faster draw more of them. The views that are drawn
-// at the same time, one a rank at most, follow each other in the batch: so their gradients come in its order.
+// Deal assigns the views of a batch to ranks. Faster ranks render more of them. The views that are rendered
+// at the same time, at most one per rank, are consecutive in the batch, so that their gradients arrive in the
+// order of the batch.
 #pragma once
 
 #include <cstdint>
@@ -14,10 +15,10 @@ inline constexpr std::int64_t kNoView = -1;
 
 class Deal {
  public:
-  // `speeds`: views a second by rank; none: all are equal.
+  // speeds: views per second of each rank; empty: all are equally fast.
   Deal(std::uint64_t views, int ranks, std::span<const double> speeds = {}) {
     std::vector<std::uint64_t> counts(static_cast<std::size_t>(ranks));
-    for (std::uint64_t view = 0; view < views; ++view) {  // to the rank that would be done first
+    for (std::uint64_t view = 0; view < views; ++view) {  // assign it to the rank that would finish first
       std::size_t best = 0;
       const auto done = [&](std::size_t r) {
         return static_cast<double>(counts[r] + 1) / (speeds.empty() ? 1 : speeds[r]);
@@ -28,7 +29,7 @@ class Deal {
     }
     *this = Deal(std::move(counts));
   }
-  // How many views each rank draws.
+  // counts: number of views that each rank renders.
   explicit Deal(std::vector<std::uint64_t> counts) : counts_(std::move(counts)) {
     for (bool more = true; more;) {
       more = false;
@@ -43,7 +44,7 @@ class Deal {
     }
   }
 
-  // Of each round the view that each rank draws: its place in the batch.
+  // Returns, for each round, the view that each rank renders, as its index in the batch.
   const std::vector<std::vector<std::int64_t>>& rounds() const { return rounds_; }
   int rank_of(std::uint64_t view) const { return rank_of_[view]; }
   const std::vector<std::uint64_t>& counts() const { return counts_; }

@@ -5,7 +5,8 @@
 
 namespace ubs {
 
-// Open MPI's mpirun; MPICH's, and Slurm's with pmi2; with pmix Slurm tells the rank alone.
+// Open MPI's mpirun sets the first variable. MPICH's mpirun, and Slurm with pmi2, set the second one. Slurm
+// with pmix only reports the rank.
 int launched_ranks() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"})
     if (const char* value = std::getenv(name)) return std::atoi(value);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every call is one that does not block, and is asked about until it is done or patience ends: a rank that
-// has died or is stuck ends the job and does not hang it.
+// All MPI calls here are non-blocking and are polled until they complete or the time limit is exceeded. So a
+// rank that has crashed or hangs ends the job instead of blocking it.
 #include "host/cluster/mpi.hpp"
 
-#define OMPI_SKIP_MPICXX 1  // the C++ bindings, which MPI has given up
+#define OMPI_SKIP_MPICXX 1  // excludes the C++ bindings, which MPI has removed
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
 #if defined(OPEN_MPI)
@@ -70,10 +70,10 @@ class MpiRanks final : public Communicator {
   }
 
  private:
-  static constexpr int kNumbers = 32767;  // of messages, which every MPI has at least
+  static constexpr int kNumbers = 32767;  // largest message number (tag); every MPI supports it
 
-  // How long the pieces are goes ahead of them. All ranks start exchanges in the same order, so that a number
-  // tells them apart where several are on their way.
+  // The sizes of the pieces are sent before them. All ranks start exchanges in the same order, so that the
+  // number of an exchange identifies it if several are pending.
   class OnTheWay final : public Exchange {
    public:
     OnTheWay(const MpiRanks& ranks, const Pieces& pieces, int number)
@@ -86,7 +86,7 @@ class MpiRanks final : public Communicator {
       check_mpi(MPI_Ialltoall(out_.data(), 1, MPI_UINT64_T, in_.data(), 1, MPI_UINT64_T, MPI_COMM_WORLD,
                               &sizes_.emplace_back()),
                 "MPI_Ialltoall");
-      for (int step = 1; step < ranks.size_; ++step) {  // not all to the same rank at first
+      for (int step = 1; step < ranks.size_; ++step) {  // different ranks start with different receivers
         const int r = (ranks.rank_ + step) % ranks.size_;
         const std::span<const std::byte> from = pieces[static_cast<std::size_t>(r)];
         ranks.for_parts(from.size(), [&](std::size_t at, int count) {
@@ -132,8 +132,9 @@ class MpiRanks final : public Communicator {
       part(at, static_cast<int>(std::min(limits_.message, bytes - at)));
   }
 
-  // Ranks may be more than cores, and a device's threads are on the same cores: after the first moments it
-  // leaves them to others, the longer the longer it waits.
+  // There may be more ranks than cores, and a device's threads run on the same cores. Therefore, after a
+  // short time of polling, this function sleeps between polls. The sleeps become longer with the waiting
+  // time.
   void wait(std::vector<MPI_Request>& requests) const {
     constexpr double kBusy = 100e-6;
     const Stopwatch watch;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ranks of a job that mpirun or srun started. The only file that knows MPI is mpi.cpp; in a build without
-// it (UBS_MPI=OFF) its place is taken by without_mpi.cpp.
+// Connects the processes of a job that mpirun or srun started. mpi.cpp is the only file that uses MPI; in a
+// build without it (UBS_MPI=OFF), without_mpi.cpp replaces it.
 #pragma once
 
 #include <cstddef>
@@ -11,17 +11,18 @@
 namespace ubs {
 
 struct JobLimits {
-  double patience = 600;  // seconds without an answer after which the job ends; UBS_RANK_PATIENCE
-  std::size_t message = std::size_t{1} << 30;  // bytes of one message: MPI counts in int
+  double patience = 600;  // the job ends after this time without an answer [s]; UBS_RANK_PATIENCE
+  std::size_t message = std::size_t{1} << 30;  // maximum bytes per message; MPI counts in int
 };
 
-// What the launcher says: how many processes it started, 1 where there is none, 0 where it does not say.
+// Returns the number of processes that the launcher started: 1 without a launcher, 0 if the launcher does not
+// report the number.
 int launched_ranks();
 
-// Null where the process was started by itself. Processes that this one starts are no part of the job. Throws
-// Error(usage) where a launcher started several and this build has no MPI.
+// Returns null if the process was not started by a launcher. Processes that this one starts do not belong to
+// the job. Throws Error(usage) if a launcher started several processes and this build has no MPI.
 std::unique_ptr<Communicator> join_job(JobLimits limits = {});
-// Ends all processes of the job: for a rank that cannot go on. To be called after join_job().
+// Ends all processes of the job, if this rank cannot continue. Requires join_job().
 [[noreturn]] void end_job(int code);
 
 }  // namespace ubs

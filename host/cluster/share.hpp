@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which splats of a model a rank has: contiguous, a function of their number and of the ranks alone. In whole
-// blocks, so that the same splats meet in the vectors of a kernel for every number of ranks: kernels choose a
-// path by all lanes of a vector, and paths may differ in the last bit.
+// share_of() returns the contiguous range of a model's splats that a rank owns. It depends only on the number
+// of splats and of ranks. Ranges consist of whole blocks, so that the same splats are together in a vector of
+// a kernel for any number of ranks. This matters because kernels choose a code path by all lanes of a vector,
+// and the paths may differ in the last bit of their results.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +26,7 @@ inline Share share_of(std::uint32_t splats, int ranks, int rank) {
   return {edge(rank), edge(rank + 1) - edge(rank)};
 }
 
-// The most that a rank has of so many.
+// Returns the largest number of splats that any rank owns.
 inline std::uint32_t largest_share(std::uint32_t splats, int ranks) {
   std::uint32_t most = 0;
   for (int r = 0; r < ranks; ++r) most = std::max(most, share_of(splats, ranks, r).count);

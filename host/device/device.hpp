@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lower of the two layers between the pipeline and a back end: where memory lives and how bytes
-// move. Work is ordered: everything given to a device's queue happens in the order it was given.
+// Device is the lower of the two layers between the pipeline and a back end: it manages memory and copies.
+// Work is ordered: everything that is enqueued on a device runs in the order in which it was enqueued.
 #pragma once
 
 #include <algorithm>
@@ -27,22 +27,24 @@ struct DeviceInfo {
   DeviceType type = DeviceType::cpu;
   std::uint64_t memory_bytes = 0, max_allocation_bytes = 0;
   unsigned compute_units = 1;
-  unsigned float_vector_width = 1;  // lanes a work-item should use explicitly; 1 on GPUs and where the
-                                    // driver fills vectors with work-items; decides the rasteriser
+  // Number of lanes that a work-item should use explicitly. It is 1 on GPUs, and if the driver fills vectors
+  // with work-items. It determines the rasteriser.
+  unsigned float_vector_width = 1;
   bool has_double = false;
-  bool sorts_by_copying = false;  // sorts of tiles take memory for a second copy of keys and values
-  std::string pci;  // "0000:1b:00.0"; empty: unknown. The same card in several back ends has the same
-  std::string
-      subgroup_language;  // language version that sub-group functions need, "CL3.0"; empty: there are none
-  // Kernel constants that are not at their defaults on this device, by macro (`ubs-lab tune`): part of what
-  // results depend on.
+  bool sorts_by_copying = false;  // sorts of tiles need memory for a second copy of keys and values
+  // "0000:1b:00.0", or empty if unknown. It is the same for a GPU in different back ends.
+  std::string pci;
+  // Language version that sub-group functions require, for example "CL3.0"; empty if there are none.
+  std::string subgroup_language;
+  // Kernel constants that do not have their default values on this device, by macro (`ubs-lab tune`). Results
+  // depend on them.
   std::map<std::string, unsigned> tuning;
 };
 std::string_view to_string(DeviceType type);
-// One line: "name (platform, driver ...)", as printed and stored with every result.
+// Returns one line, "name (platform, driver ...)", which is printed and stored with every result.
 std::string describe(const DeviceInfo& info);
 
-// Place in the list of the first device that is the same card; its own place where there is none before it.
+// Returns the index of the first device in the list that is the same GPU, which may be `index` itself.
 std::size_t same_card(const std::vector<DeviceInfo>& devices, std::size_t index);
 
 class MetricOps;
@@ -50,18 +52,18 @@ class Stages;
 class TunableDevice;
 struct KernelConfig;
 
-// Memory as other programs of the same process find it.
+// The address of device memory, for use by other code in the same process.
 struct DeviceAddress {
   void* pointer = nullptr;
-  bool on_card = false;  // of CUDA, else the host reads it too
-  int ordinal = 0;       // of the card
+  bool on_card = false;  // memory of a CUDA device; otherwise the host can read it
+  int ordinal = 0;       // index of the CUDA device
 };
 
-// Untyped device memory; the back end derives from it.
+// Untyped device memory. Back ends derive from it.
 class Memory {
  public:
   virtual ~Memory() = default;
-  // No pointer where it has no address that lasts: OpenCL but for PoCL on CPUs.
+  // Returns no pointer if the memory has no permanent address. OpenCL memory only has one with PoCL on CPUs.
   virtual DeviceAddress address() const { return {}; }
   std::size_t bytes() const { return bytes_; }
   const std::string& label() const { return label_; }
@@ -74,11 +76,11 @@ class Memory {
   std::size_t bytes_;
 };
 
-// A copy to the host that is on its way. Must not outlive its device.
+// A pending copy to the host. Must not outlive its device.
 class PendingRead {
  public:
   virtual ~PendingRead() = default;
-  // Waits for the copy and what was given before it, not for what was given after it.
+  // Waits for the copy and for work that was enqueued before it, but not for work that was enqueued after it.
   virtual std::span<const std::byte> wait() = 0;
 };
 
@@ -88,7 +90,8 @@ struct TimerEntry {
   double device_ms = 0;
 };
 
-// A program that was built for this process: what is specialised by what, and the kernels taken from it.
+// A program that was built in this process: the sources, the options that specialise them, and the kernels
+// that are used.
 struct ProgramUse {
   std::string sources, options;
   std::vector<std::string> kernels;
@@ -99,47 +102,49 @@ class Device {
   virtual ~Device() = default;
   virtual const DeviceInfo& info() const = 0;
 
-  // Throws Error(memory) with the sizes when the request exceeds what the device can give.
+  // Throws Error(memory) with the sizes if the device cannot allocate the request.
   virtual std::unique_ptr<Memory> allocate(std::string_view label, std::size_t bytes) = 0;
   virtual void write(Memory& to, std::size_t offset,
-                     std::span<const std::byte> from) = 0;  // returns when copied
+                     std::span<const std::byte> from) = 0;  // returns when `from` has been copied
   virtual void read(const Memory& from, std::size_t offset,
                     std::span<std::byte> to) = 0;  // waits for the result
-  // Gives `use` the first bytes: as they lie where the device computes in memory of the host, else as a copy
-  // in `room`, which keeps its memory. Waits for the result.
+  // Calls `use` with the first bytes of the memory. If the device computes in host memory, `use` gets the
+  // memory itself; otherwise it gets a copy in `room`, which is enlarged if necessary. Waits for the result.
   virtual void show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                     const std::function<void(std::span<const std::byte>)>& use);
-  // Takes its place in the queue and returns at once.
+  // Enqueues a copy to the host and returns at once.
   virtual std::unique_ptr<PendingRead> read_later(const Memory& from, std::size_t offset,
                                                   std::size_t bytes) = 0;
   virtual void copy(const Memory& from, std::size_t from_offset, Memory& to, std::size_t to_offset,
                     std::size_t bytes) = 0;
   virtual void fill_zero(Memory& to, std::size_t offset, std::size_t bytes) = 0;
-  // A copy that runs beside the queue: it begins when everything given so far is done, and everything given
-  // after the next join_uploads() sees it. Returns when `from` may change.
+  // Starts a copy that runs in parallel with the queue. It starts when everything enqueued so far has
+  // finished. Work enqueued after the next join_uploads() sees its result. Returns as soon as `from` may be
+  // changed.
   virtual void copy_async(Memory& to, std::span<const std::byte> from) = 0;
   virtual void join_uploads() = 0;
   virtual void finish() = 0;
 
   std::uint64_t allocated_bytes() const { return allocated_; }
   std::uint64_t peak_bytes() const { return peak_; }
-  // Most bytes at a time of the buffers of each label, since reset_peak().
+  // Returns, for each label, the maximum total size of its buffers since reset_peak().
   const std::map<std::string, std::uint64_t>& peak_by_label() const { return peaks_; }
-  void reset_peak() {  // to measure a part of a process
+  void reset_peak() {  // to measure a part of the process
     peak_ = allocated_;
     peaks_ = by_label_;
   }
-  // Device time per kernel since profiling was switched on (empty when it is off).
+  // set_profiling() enables or disables the measurement of device times. timings() returns the device time
+  // per kernel since it was enabled, or nothing if it is disabled.
   virtual void set_profiling(bool on) = 0;
   virtual std::vector<TimerEntry> timings() const = 0;
-  // Empty where kernels are compiled ahead of time.
+  // Returns the programs built at run time; empty if kernels are compiled ahead of time.
   virtual std::vector<ProgramUse> programs() const { return {}; }
 
-  // The operations of the method on this device. To be called through make_stages() and the like of
-  // host/device/operations.hpp, which check what is asked for.
+  // Return the operations of the method on this device. Call them through make_stages() and make_metric_ops()
+  // of host/device/operations.hpp, which check the configuration.
   virtual std::unique_ptr<Stages> make_stages(const KernelConfig& config) = 0;
   virtual std::unique_ptr<MetricOps> make_metric_ops() = 0;
-  // Null where nothing can be tuned.
+  // Returns null if nothing can be tuned.
   virtual TunableDevice* tunable() { return nullptr; }
 
  protected:
@@ -157,14 +162,14 @@ class Device {
   std::map<std::string, std::uint64_t> by_label_, peaks_;
 };
 
-// A range of typed elements of a buffer; what stages take. Does not own.
+// A typed view of a buffer from its start, as stages take it. It does not own the memory.
 template <typename T>
 struct BufferView {
   Memory* memory = nullptr;
   std::size_t size = 0;
 };
 
-// The first values of a view, on the host.
+// Returns the first values of a view on the host.
 template <typename T>
 std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_t size) {
   std::vector<T> values(size);
@@ -172,7 +177,7 @@ std::vector<T> read_values(Device& device, const BufferView<T>& view, std::size_
   return values;
 }
 
-// Makes a thing of size `grown`, or of `size` where there is no memory for that. Returns which.
+// Calls `make` with the size `grown`, or with `size` if there is not enough memory. Returns the size used.
 template <typename Make>
 std::size_t make_grown(std::size_t size, std::size_t grown, const Make& make) {
   try {
@@ -185,7 +190,7 @@ std::size_t make_grown(std::size_t size, std::size_t grown, const Make& make) {
   return size;
 }
 
-// Owning, move-only, typed device array.
+// A typed array on a device that owns its memory. Can be moved but not copied.
 template <typename T>
 class Buffer {
  public:
@@ -215,8 +220,8 @@ class Buffer {
   }
   void zero() { device_->fill_zero(*memory_, 0, size_ * sizeof(T)); }
 
-  // Content is lost when it grows; grows by at least half where the device has that much, so that repeated
-  // growth is amortised.
+  // The content is lost if the buffer grows. It grows by at least half if the device has enough memory, so
+  // that repeated growth is amortised.
   void reserve(std::size_t size) {
     if (size <= size_) return;
     std::size_t grown = std::max(size, size_ + size_ / 2);
@@ -234,7 +239,7 @@ class Buffer {
   std::unique_ptr<Memory> memory_;
 };
 
-// Buffer::reserve() of one that may not be there yet.
+// Calls Buffer::reserve() of a buffer that may not have been created yet.
 template <typename T>
 void reserve(Device& device, Buffer<T>& buffer, const char* label, std::size_t size) {
   if (!buffer) buffer = Buffer<T>(device, label, 0);

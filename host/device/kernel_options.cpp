@@ -39,7 +39,7 @@ Options falloff_options(const ModelVariant& variant) {
 
 Options extent_options(const KernelConfig& config) {
   Options options;
-  // Hexadecimal: the very float, whatever the compiler's rounding of decimals.
+  // The hexadecimal form gives exactly this float, independent of how the compiler rounds decimals.
   if (config.alpha_min > 0) options.push_back(fmt::format("-DUBS_ALPHA_MIN={:a}f", config.alpha_min));
   if (!config.backward) options.push_back("-DUBS_FORWARD_ONLY=1");
   return options;

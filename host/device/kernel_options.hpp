@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a KernelConfig to the macros that specialise kernels, for all back ends: "-DNAME=VALUE" for every
-// switch that is not at its default. A default program has none of them, so that its name in a cache does not
-// depend on which switches exist.
+// Converts a KernelConfig to the macros that specialise kernels, for all back ends. There is a "-DNAME=VALUE"
+// for every switch that does not have its default value. So a default program has none, and its name in a
+// cache does not depend on which switches exist.
 #pragma once
 
 #include <string>
@@ -15,19 +15,20 @@ using Options = std::vector<std::string>;
 
 void append(Options& options, const Options& more);
 
-// Switches of kernels/variant.h.
+// Returns the switches of kernels/variant.h.
 Options variant_options(const ModelVariant& variant);
-// Of these the spatial kernel alone.
+// Returns only the switch of the spatial kernel.
 Options falloff_options(const ModelVariant& variant);
-// Of projection and rasteriser: splats and pixels whose alpha does not count, backward.
+// Returns the switches of projection and rasteriser that limit the work: the smallest alpha that contributes,
+// and whether there is a backward pass.
 Options extent_options(const KernelConfig& config);
-// UBS_FROZEN: of programs that touch gradients or moments.
+// Returns UBS_FROZEN, for programs that use gradients or moments.
 Options frozen_options(const KernelConfig& config);
-// UBS_DEPTH_GRAD: of programs that take gradients of projected splats further.
+// Returns UBS_DEPTH_GRAD, for programs that process gradients of projected splats further.
 Options depth_gradient_options(const KernelConfig& config);
 Options arithmetic_options(MathMode math);
-// Of the rasterisers: kernel, extents, work that is left out, gradients that nobody asks for, depth,
-// arithmetic.
+// Returns the switches of the rasterisers: spatial kernel, extents, skipped work, gradients that are not
+// requested, depth, and arithmetic.
 Options raster_options(const KernelConfig& config);
 
 }  // namespace ubs

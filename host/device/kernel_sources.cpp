@@ -10,7 +10,7 @@
 
 namespace ubs {
 
-// Generated: pairs of name and text, ended by a null name.
+// Generated: pairs of name and text; the last entry has a null name.
 extern const std::pair<const char*, const char*> kEmbeddedKernels[];
 
 std::string kernel_source(const std::string& name) {

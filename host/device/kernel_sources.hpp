@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel sources embedded in the executable by kernels/embed.cmake.
+// Access to the kernel sources, which kernels/embed.cmake embeds in the executable.
 #pragma once
 
 #include <string>
 
 namespace ubs {
 
-// Text of one source by its name relative to kernels/, or of device code "cuda_backend/...". With the
-// environment variable UBS_KERNEL_DIR those of kernels/ are read from that folder instead (for developing
-// without rebuilding).
+// Returns the text of a source. Its name is relative to kernels/, or starts with "cuda_backend/" for device
+// code of CUDA. If the environment variable UBS_KERNEL_DIR is set, sources of kernels/ are read from that
+// folder instead, which allows development without rebuilding.
 std::string kernel_source(const std::string& name);
 
 }  // namespace ubs

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The types of the arguments of the kernels that back ends share (kernels/map) or have alike: declared once,
-// so that a launch with another buffer or another number of arguments does not compile. Those that are
-// launched alike too (host/device/map_stages.hpp) have their names here.
+// Types of the arguments of the kernels that the back ends share (kernels/map) or have in the same form. They
+// are declared once, so that a launch with a wrong buffer or a wrong number of arguments does not compile. If
+// a kernel is also launched in the same way by all back ends (host/device/map_stages.hpp), its name is here
+// as well.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics that back ends launch alike: network.cl and ssim_valid.cl of kernels/map.
+// The operations of image metrics that all back ends run in the same way, with network.cl and ssim_valid.cl
+// of kernels/map.
 // `Kernels`: see map_stages.hpp.
 #pragma once
 

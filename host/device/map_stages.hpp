@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages that back ends launch alike, with kernels of kernels/map; what they need is allocated when first
-// asked for. `Kernels`, those of a program, has
-//   launch(kernel, elements, rows, arguments...)    UBS_VW elements a work-item
-//   launch_each(kernel, items, rows, arguments...)  one
-//   lanes()                                         UBS_VW
-// and `Sums` has exclusive(in, out, count): out[i] = in[0] + ... + in[i - 1] for i = 0 .. count.
+// Stages that all back ends run in the same way, with kernels of kernels/map. Their buffers are allocated at
+// their first use. `Kernels` stands for the kernels of a program and has the functions
+//   launch(kernel, elements, rows, arguments...)    UBS_VW elements per work-item
+//   launch_each(kernel, items, rows, arguments...)  one element per work-item
+//   lanes()                                         returns UBS_VW
+// `Sums` has the function exclusive(in, out, count): out[i] = in[0] + ... + in[i - 1] for i = 0 .. count.
 #pragma once
 
 #include <utility>
@@ -14,7 +14,7 @@
 
 namespace ubs {
 
-// DrawSky, SkyGradient and SkyStep. map: sky.cl; step: sky_step.cl, of one lane.
+// DrawSky, SkyGradient and SkyStep. map: kernels of sky.cl; step: kernels of sky_step.cl, with one lane.
 template <typename Kernels>
 class SkyStages {
  public:
@@ -52,15 +52,15 @@ class SkyStages {
   Buffer<float> sums_;
 };
 
-// The part of ImageLoss that makes the colours of one photograph, and AppearanceStep. map: appearance.cl;
-// step: appearance_step.cl, of one lane.
+// AppearanceStep, and the part of ImageLoss that maps an image to the colours of its photograph. map: kernels
+// of appearance.cl; step: kernels of appearance_step.cl, with one lane.
 template <typename Kernels>
 class AppearanceStages {
  public:
   AppearanceStages(Device& device, Kernels map, Kernels step)
       : device_(device), map_(std::move(map)), step_(std::move(step)) {}
 
-  // `loss` of the image as the photograph has its colours.
+  // Computes `loss` with the image mapped to the colours of the photograph.
   template <typename Loss>
   void with_colours(const ImageLoss& a, const Loss& loss) {
     if (a.appearance.size == 0) return loss(a);
@@ -85,7 +85,8 @@ class AppearanceStages {
                 mapped_.view());
     return mapped_.view();
   }
-  // v_image of the mapped image -> of the image, and of the numbers.
+  // Replaces v_image, the gradient of the mapped image, by that of the image, and computes the gradient of
+  // the numbers.
   void gradient(const ImageLoss& a) {
     const ImageShape& s = a.shape;
     const int strips = s.tiles_y(), rows = kAppearanceNumbers * strips;

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layer between image metrics and a back end, beside Stages: the parts of which a convolutional network,
-// its distance of two images and a window statistic are made. One virtual call an operation; each is enqueued
-// and returns at once. Images and features are planar with rows behind each other: channel c begins at
-// c * plane, where plane is padded_plane(width * height). Buffers end with kPlanePadding spare elements
-// behind the last plane, because vectors of pixels are read across ends of rows.
+// MetricOps is the interface between image metrics and a back end, in addition to Stages. Its operations are
+// the layers of a convolutional network, the distance of two images that is computed from their features
+// (LPIPS), and the SSIM of windows. Each operation is one virtual call, which enqueues the work and returns
+// at once. Images and features are planar, with consecutive rows: channel c starts at c * plane, where plane
+// is padded_plane(width * height). Buffers have kPlanePadding spare elements after the last plane, because
+// vectors of pixels are read across the ends of rows.
 #pragma once
 
 #include <array>
@@ -16,7 +17,7 @@
 namespace ubs {
 
 constexpr std::size_t kPlanePadding = 32;
-constexpr int kPartialSums = 256;  // sums that one number comes back as; the host adds them in double
+constexpr int kPartialSums = 256;  // number of partial sums per result; the host adds them in double
 
 inline std::size_t padded_plane(std::size_t pixels) { return (pixels + 15) / 16 * 16; }
 
@@ -27,8 +28,8 @@ struct PlanarSize {
   std::size_t floats(std::size_t channels) const { return channels * plane() + kPlanePadding; }
 };
 
-// An RGB image on the device: 8 bit (3, height, width), else float (3, rows, pitch) with planes padded as
-// ImageShape has them.
+// An RGB image on the device, either as 8 bit (3, height, width), or as float (3, rows, pitch) with planes
+// padded as in ImageShape.
 struct DeviceImage {
   PlanarSize size;
   BufferView<std::uint8_t> bytes;
@@ -42,23 +43,23 @@ struct LoadImage {  // clamped to [0, 1], then value * scale + offset by channel
   BufferView<float> out;
 };
 
-struct Im2col {  // output pixels first .. first + count - 1 as columns of a matrix
+struct Im2col {  // writes output pixels first .. first + count - 1 as columns of a matrix
   BufferView<float> image;
   PlanarSize size;
   int channels = 0, window = 1, stride = 1, padding = 0;
   int out_width = 0;
   int first = 0, count = 0;
-  int pitch = 0;             // of a row of the matrix; count rounded up to 16
+  int pitch = 0;             // of a row of the matrix: count rounded up to a multiple of 16
   BufferView<float> matrix;  // out (channels * window * window, pitch)
 };
 
 struct MatrixProduct {  // C (rows, columns) = A (rows, inner) B (inner, columns), all row-major
   int rows = 0, columns = 0, inner = 0;
   BufferView<float> a;  // a row has `inner` elements
-  BufferView<float> b;  // begins at b_offset, rows b_pitch apart
+  BufferView<float> b;  // starts at b_offset, with rows b_pitch apart
   std::size_t b_offset = 0;
   int b_pitch = 0;
-  BufferView<float> c;  // out; begins at c_offset, rows c_pitch apart
+  BufferView<float> c;  // out; starts at c_offset, with rows c_pitch apart
   std::size_t c_offset = 0;
   int c_pitch = 0;
 };
@@ -66,18 +67,18 @@ struct MatrixProduct {  // C (rows, columns) = A (rows, inner) B (inner, columns
 struct BiasRelu {  // features = max(features + bias, 0)
   BufferView<float> features, bias;
   PlanarSize size;
-  std::size_t first = 0;  // element where the first channel begins
+  std::size_t first = 0;  // element where the first channel starts
   int channels = 0;
 };
 
-struct MaxPool {  // windows beyond the right and lower edge are cut off
+struct MaxPool {  // windows are clipped at the right and lower edge
   BufferView<float> image;
   PlanarSize size, out_size;
   int channels = 0, window = 1, stride = 1;
   BufferView<float> out;
 };
 
-struct LpipsDistance {  // kernels/math/lpips.h; summed over pixels
+struct LpipsDistance {  // kernels/math/lpips.h, summed over the pixels
   BufferView<float> a, b, weights;
   PlanarSize size;
   int channels = 0;
@@ -86,7 +87,7 @@ struct LpipsDistance {  // kernels/math/lpips.h; summed over pixels
   int sums_offset = 0;
 };
 
-struct ValidSsim {  // 1 - SSIM of one channel, summed over the windows inside of the image
+struct ValidSsim {  // 1 - SSIM of one channel, summed over the windows inside the image
   BufferView<float> a, b;
   PlanarSize size;  // at least 11 x 11
   int channel = 0;
@@ -94,7 +95,8 @@ struct ValidSsim {  // 1 - SSIM of one channel, summed over the windows inside o
   BufferView<float> sums;     // out: kPartialSums from sums_offset
   int sums_offset = 0;
 };
-// Windows in a row and a column, and what ValidSsim needs: four planes of sums and one of results.
+// Number of windows per row and column, and the scratch memory of ValidSsim: four planes of sums and one of
+// results.
 constexpr int kSsimWindow = 11;
 inline PlanarSize valid_windows(PlanarSize size) {
   return {size.width - kSsimWindow + 1, size.height - kSsimWindow + 1};
@@ -116,13 +118,14 @@ class MetricOps {
   virtual void max_pool(const MaxPool&) = 0;
   virtual void lpips_distance(const LpipsDistance&) = 0;
   virtual void valid_ssim(const ValidSsim&) = 0;
-  // Bytes of the matrix of im2col with which products are fastest: on CPUs what stays in a core's cache.
+  // Returns the size in bytes of the matrix of im2col for which products are fastest. On CPUs the matrix
+  // should fit into a core's cache.
   virtual std::size_t matrix_bytes() const = 0;
-  // Device memory that matrix_product takes for itself and keeps; views need not be given.
+  // Returns the device memory that matrix_product allocates and keeps. The views may be empty.
   virtual std::size_t product_bytes(const MatrixProduct&) const = 0;
 };
 
-// Those of a device.
+// Returns the operations of a device.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
 }  // namespace ubs

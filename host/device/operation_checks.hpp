@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every back end checks of a stage's arguments before it launches anything: the contracts of stages.hpp
-// that do not depend on the device. A violation is a mistake of the pipeline, hence Error(internal).
+// Checks of the arguments of stages, which every back end makes before it launches anything. They cover the
+// contracts of stages.hpp that do not depend on the device. They throw Error(internal), because a violation
+// is an error in the pipeline.
 #pragma once
 
 #include <algorithm>
@@ -14,12 +15,12 @@
 
 namespace ubs {
 
-// Stages that learn, on stages that were made forward only.
+// Fails if a training stage is called on stages that were created without a backward pass.
 inline void check_backward(const KernelConfig& config, const char* stage) {
   if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
 }
 
-// RasterForward and RasterBackward; `slots`: whether masks and slots exist.
+// For RasterForward and RasterBackward. slots: whether masks and slots exist.
 template <typename Work>
 void check_raster(const Work& work, bool slots) {
   const auto require = [](bool holds, const char* what) {
@@ -33,14 +34,15 @@ void check_raster(const Work& work, bool slots) {
   require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
 }
 
-// RasterForward and RasterBackward of RasterKind::gpu: room for the states in front of the segments of lists.
+// For RasterForward and RasterBackward with RasterKind::gpu: checks the size of the states in front of the
+// segments of lists.
 template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
   if (work.states.size < needed)
     fail(ErrorKind::internal, "raster: {} floats of list states, {} needed", work.states.size, needed);
 }
-// Groups that the backward rasteriser launches, one a segment.
+// Returns the number of work-groups that the backward rasteriser launches, one per segment.
 inline std::uint64_t list_segments(const RasterBackward& work) {
   return stage_sizes::list_segments(static_cast<std::uint64_t>(work.shape.tiles()), work.sorted_ids.size);
 }
@@ -55,7 +57,7 @@ inline void check_weights(const MeasureWeights& work) {
   require(work.weights.size >= intersections, "weights shorter than the lists");
 }
 
-// `rows`: parameters of a splat.
+// rows: number of parameters per splat.
 inline void check_view(const SplatView& splats, std::size_t rows) {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
     fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
@@ -71,7 +73,7 @@ inline void check_camera_backward(const KernelConfig& config, const CameraBackwa
     fail(ErrorKind::internal, "camera backward: {} lanes in {} values", work.lanes, work.v_camera.size);
 }
 
-// `learnt`: how many of the `rows` are.
+// learnt: number of trained rows.
 inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learnt) {
   check_view(step.splats, rows);
   if (step.learning_rates.size < rows)
@@ -83,10 +85,10 @@ inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learn
          step.v_params.size, step.moment1.size, step.moment2.size, learnt, step.splats.stride);
   if (step.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   if (step.sentinel.size > 0 && step.stamp == 0)
-    fail(ErrorKind::internal, "Adam: the stamp of a watched step is not 0");
+    fail(ErrorKind::internal, "Adam: the stamp of a watched step must not be 0");
 }
 
-// What the kernels multiply with (AdamConstants of kernels/math/adam.h).
+// The factors that the kernels multiply with (AdamConstants of kernels/math/adam.h).
 struct BiasCorrection {
   float inverse1, inverse_sqrt2;
 };
@@ -97,16 +99,18 @@ inline BiasCorrection bias_correction(const AdamStep& a) {
   return {static_cast<float>(1 / bias1), static_cast<float>(1 / std::sqrt(bias2))};
 }
 
+// Returns the weights of the penalties of one splat.
 inline PenaltyWeights weights_per_splat(const Regularise& a) {
   return per_splat(a.weights, static_cast<float>(a.total > 0 ? a.total : a.splats.count));
 }
 
-// That the means are over; 1 where none counts, whose sums are 0.
+// Returns the number of pixels that means are divided by. It is 1 if no pixel counts; the sums are 0 then.
 inline float counted_pixels(const ImageLoss& loss) {
   if (loss.mask.size > 0) return static_cast<float>(std::max(1u, loss.counted));
   return static_cast<float>(loss.shape.width) * static_cast<float>(loss.shape.height);
 }
 
+// Returns the weights of the loss of one value of the image.
 inline LossWeights weights_per_value(const ImageLoss& loss) {
   return per_value(loss.weights, loss.scale, 3.0f * counted_pixels(loss));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a device does for the method, whatever its back end.
+// Creates the operations that a device provides, independent of its back end.
 #pragma once
 
 #include <memory>
@@ -10,13 +10,16 @@
 
 namespace ubs {
 
-// The stages of a device, specialised for a configuration. Throws Error(usage) for one that there is not.
+// Returns the stages of a device, specialised for a configuration. Throws Error(usage) for an unsupported
+// configuration.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
-// Image metrics beyond PSNR and SSIM.
+// Returns the operations of image metrics other than PSNR and SSIM.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
-// "cpu", "gpu", or "auto": what suits the device, pixel blocks with explicit vectors on CPUs, else one
-// work-item a pixel. CUDA has the latter; throws Error(usage) for the other.
+// Converts a choice of "cpu", "gpu" or "auto". RasterKind::cpu processes pixel blocks with explicit vectors,
+// RasterKind::gpu one pixel per work-item. "auto" selects RasterKind::cpu if the device has vectors of floats
+// (float_vector_width > 1), otherwise RasterKind::gpu. Throws Error(usage) for any other choice, and for
+// "cpu" with CUDA, which only has RasterKind::gpu.
 RasterKind raster_kind(const std::string& choice, const DeviceInfo& info);
 
 }  // namespace ubs

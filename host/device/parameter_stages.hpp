@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stages that change parameters: Regularise, AdamStep, Relocate, Grow, AddNoise, SamplingWeights and
-// SplitSources. Everything is decided on the device; only Relocate waits, for the number of splats that
-// moved.
+// SplitSources. All decisions are made on the device. Only Relocate waits, because it returns the number of
+// splats that moved.
 #pragma once
 
 #include <utility>
@@ -14,8 +14,8 @@
 
 namespace ubs {
 
-// Kernels and Sums: see map_stages.hpp. step: adam.cl, regularise.cl and noise.cl; draws: mcmc.cl, of one
-// lane.
+// Kernels and Sums: see map_stages.hpp. step: kernels of adam.cl, regularise.cl and noise.cl; draws: kernels
+// of mcmc.cl, with one lane.
 template <typename Kernels, typename Sums>
 class ParameterStages {
  public:
@@ -83,7 +83,7 @@ class ParameterStages {
   }
 
  private:
-  struct Draw {  // slot i of first .. first + slots - 1 draws number i
+  struct Draw {  // slot i of first .. first + slots - 1 draws with number i
     u32 first, slots, purpose;
     bool alive_only;
     std::uint64_t seed, iteration;
@@ -111,7 +111,7 @@ class ParameterStages {
   }
 
   Device& device_;
-  std::size_t rows_, trained_rows_;  // parameters of a splat, those that are learnt
+  std::size_t rows_, trained_rows_;  // number of rows of all parameters, and of the trained ones
   Kernels step_, draws_;
   Sums sums_;
   Buffer<u32> weights_, copy_counts_, source_ids_, totals_;

@@ -47,10 +47,10 @@ std::vector<Backend>& backends() {
   return all;
 }
 
-using Candidates = std::vector<std::size_t>;  // places in the list of devices
+using Candidates = std::vector<std::size_t>;  // indices in the list of devices
 
-// The candidate that a type, or else a part of a name, asks for; null when there is none. An empty request
-// takes the first GPU, else the first candidate.
+// Returns the candidate that a request for a type, or otherwise for a part of a name, selects, or nullopt if
+// there is none. An empty request selects the first GPU, or otherwise the first candidate.
 std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, const Candidates& candidates,
                                         const std::string& wanted) {
   const auto first = [&](const auto& matches) -> std::optional<std::size_t> {
@@ -71,14 +71,14 @@ std::optional<std::size_t> choose_among(const std::vector<DeviceInfo>& devices, 
 }
 
 std::optional<std::size_t> find_device(const std::vector<DeviceInfo>& devices, std::string wanted) {
-  // The back end goes before names: the OpenCL platform of NVIDIA cards is called "NVIDIA CUDA".
+  // Test for the back end before names, because the OpenCL platform of NVIDIA GPUs is called "NVIDIA CUDA".
   const std::string backend = wanted.substr(0, wanted.find(':'));
   const bool names_backend = backend == "cuda" || backend == "opencl";
   if (names_backend) wanted.erase(0, backend.size() + 1);
   Candidates candidates;
   for (std::size_t i = 0; i < devices.size(); ++i)
     if (!names_backend || devices[i].backend == backend) candidates.push_back(i);
-  // A number is a place among them; with three digits and more it is of a name.
+  // A number is an index into the candidates; with three or more digits it is part of a name.
   if (!wanted.empty() && wanted.size() < 3 &&
       std::ranges::all_of(wanted, [](unsigned char c) { return std::isdigit(c); })) {
     const std::size_t place = std::stoul(wanted);
@@ -100,7 +100,7 @@ std::vector<DeviceInfo> list_devices() {
 
 std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
                                            const std::string& request) {
-  // Without a folder that it can write to PoCL reports no device.
+  // PoCL reports no device if it has no writable folder.
   if (const std::string why = cache_defects(); devices.empty() && !why.empty())
     fail(ErrorKind::data, "no folder for compiled kernels ({}): set UBS_KERNEL_CACHE to a writable folder",
          why);

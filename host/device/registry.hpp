@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one flat list of compute devices over all back ends and platforms, and choosing from it.
+// Lists the compute devices of all back ends and platforms, and chooses from this list.
 #pragma once
 
 #include <functional>
@@ -12,32 +12,36 @@
 
 namespace ubs {
 
-// All devices, CUDA's first: a card that CUDA and OpenCL both show is taken through CUDA, whether it is
-// chosen by itself or by a part of its name.
+// Returns all devices, those of CUDA first. So a GPU that both CUDA and OpenCL report is used through CUDA,
+// whether it is chosen by default or by a part of its name.
 std::vector<DeviceInfo> list_devices();
 
-// Position in the list for a request: an index ("0"), a type ("cpu", "gpu"), a back end ("cuda", "opencl":
-// its first GPU, else its first device), or a case-insensitive part of platform, vendor or device name; after
-// "cuda:" or "opencl:" a type or name is looked for in that back end only. Empty: the environment variable
-// UBS_DEVICE, else the first GPU, else the first device. Throws Error(device) listing what there is when
-// nothing matches.
+// Returns the index in the list for a request. A request is one of: an index ("0"); a type ("cpu", "gpu"); a
+// back end ("cuda", "opencl"), which means its first GPU or otherwise its first device; or a case-insensitive
+// part of the platform, vendor or device name. "cuda:" or "opencl:" before a type or name restricts the
+// search to that back end. An empty request uses the environment variable UBS_DEVICE if it is set, otherwise
+// the first GPU, otherwise the first device. Throws Error(device) with a list of the devices if nothing
+// matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
-// The same, and where neither a request nor UBS_DEVICE names one, after it those to try when it is of no use.
+// Returns the same index. If neither the request nor UBS_DEVICE names a device, also returns the devices to
+// try after it in case it cannot be used.
 std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
                                            const std::string& request);
 
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");
 
-// Starts no process and catches no signal for drivers from now on: in a program that is not ours.
+// From now on, starts no processes and catches no signals on behalf of drivers. For use inside programs other
+// than ubs.
 void leave_drivers_alone();
 
-// Lets drivers keep compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp), which some are
-// told only through the environment: `set` is called when devices are listed first. To be called by an
-// executable, never by the library, because the environment belongs to the whole process.
+// Lets drivers store compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp). Some drivers
+// read the folder only from the environment; `set` is called for them when devices are listed for the first
+// time. Only an executable may call this function, never the library, because the environment belongs to the
+// whole process.
 void keep_driver_caches(SetVariable set);
 
-// A back end. Tests register one that is not built in; its devices come last.
+// A back end. Tests register one that is not built in; its devices are last in the list.
 struct Backend {
   std::function<std::vector<DeviceInfo>()> list_devices;
   std::function<std::unique_ptr<Device>(std::size_t)> open_device;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sizes of buffers that the devices' kernels decide: what is allocated, and what the memory plan predicts.
+// Sizes of buffers that depend on the kernels of a device. The stages allocate them, and the memory estimate
+// uses them.
 #pragma once
 
 #include <cstdint>
@@ -9,31 +10,32 @@
 
 namespace ubs::stage_sizes {
 
-// Scans and sorts of CPUs go over their elements in chunks. Below this a chunk costs more to launch than to
-// sum (2 cores, PoCL: 1.5 us a launch, 1 ns an element).
+// On CPUs, scans and sorts process their elements in chunks. It takes longer to launch a chunk below this
+// size than to sum it (2 cores, PoCL: 1.5 us per launch, 1 ns per element).
 inline constexpr std::uint64_t kSmallestChunk = 4096;
-inline constexpr std::uint64_t kChunksPerCore = 4;  // evens out cores that are busy elsewhere
+inline constexpr std::uint64_t kChunksPerCore = 4;  // several, to balance cores that are busy with other work
 inline constexpr std::uint64_t kMaxChunks = 256;
 inline constexpr std::uint64_t kMaxBins = std::uint64_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 
-// Depths are sorted by digits of so many bits, from kManySplats on of fewer (measured:
-// host/opencl/lists.cpp).
+// Depths are sorted by digits of kDigitOfFew bits, or of kDigitOfMany bits from kManySplats splats on
+// (measured: host/opencl/lists.cpp).
 inline constexpr std::uint64_t kManySplats = std::uint64_t{1} << 20;
 inline constexpr std::uint32_t kDigitOfFew = 12, kDigitOfMany = 8;
 
-// GPUs: elements of a work-group, and bits of a digit.
+// GPUs: number of elements per work-group, and number of bits per digit.
 inline constexpr std::uint32_t kGroupBlock = 2048;  // kRadixBlock
-inline constexpr std::uint32_t kRadixBits = 8;      // the bins are the work-items of a group
+inline constexpr std::uint32_t kRadixBits = 8;      // there is one bin per work-item of a group
 
-// Maps of the loss have a margin of zeros: so many columns, of which 21 left, and the radius of the window in
-// rows above and below.
+// Maps of the loss have a margin of zeros: kMapMargin columns, 21 of them on the left, and as many rows above
+// and below as the radius of the window.
 inline constexpr int kMapMargin = 48, kLossRadius = 5;
 inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
-// CPUs: pixels up to which all channels are one launch (measured: host/opencl/image_loss.cpp).
+// CPUs: images with up to this number of pixels process all channels in one launch (measured:
+// host/opencl/image_loss.cpp).
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 
-// GPUs, which go through lists in segments (kernels/gpu/list_segments.h): how many numbers the segments may
-// have, and floats of the states of pixels in front of them.
+// GPUs process lists in segments (kernels/gpu/list_segments.h). These functions return the range of segment
+// numbers, and the number of floats for the states of pixels in front of the segments.
 constexpr std::uint64_t list_segments(std::uint64_t tiles, std::uint64_t intersections) {
   return tiles + intersections / kListSegment;
 }
@@ -41,8 +43,9 @@ constexpr std::uint64_t list_state_floats(std::uint64_t intersections) {
   constexpr std::uint64_t kEach = 4 * kTileSide * kTileSide;
   return (intersections + kListSegment - 1) / kListSegment * kEach;
 }
-// And draw long ones in parts (kernels/gpu/list_parts.h): floats of what a part hands over, and places of
-// parts, 0 where no list can be long, or where the device does not allocate as much as they need.
+// GPUs render long lists in parts (kernels/gpu/list_parts.h). These functions return the number of floats
+// that a part stores, and the number of places for parts. The latter is 0 if no list can be long, or if the
+// device cannot allocate enough memory for them.
 constexpr std::uint64_t list_part_floats(bool depth) { return (depth ? 7 : 5) * kTileSide * kTileSide; }
 constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
                                    std::uint64_t max_allocation_bytes) {
@@ -51,7 +54,7 @@ constexpr std::uint64_t list_parts(std::uint64_t intersections, bool depth,
   return intersections > 2 * kListPart && fits ? parts : 0;
 }
 
-// Floats of a gradient slot.
+// Returns the number of floats of a gradient slot.
 constexpr unsigned slot_floats(RasterKind raster) {
   return raster == RasterKind::cpu ? kGradStride : kCardSlotStride;
 }

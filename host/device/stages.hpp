@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The upper layer between the pipeline and a back end: the operations of the method, each one plain struct of
-// device views and scalars. The pipeline and the trainer know only
-// these; a back end is free to fuse, split or choose kernels behind them as long as the contract holds.
-// Buffer layouts are those of kernels/layout.h. Every operation is enqueued and returns at once,
-// except where it says that it waits. Sums are taken in a fixed order: same inputs, same bits.
+// Stages is the upper of the two layers between the pipeline and a back end. It has the operations of the
+// method. Each operation is a plain struct of views of device buffers and scalars. The pipeline and the
+// trainer use only these; behind them a back end may fuse or split kernels, or choose between kernels, as
+// long as the contract holds. The layouts of buffers are those of kernels/layout.h. Every operation is
+// enqueued and returns at once, unless its comment says that it waits. Sums have a fixed order, so the same
+// inputs give bit-identical results.
 #pragma once
 
 #include <array>
@@ -21,19 +22,22 @@
 
 namespace ubs {
 
-enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item a pixel
+enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item per pixel
 
-// What is compiled into the kernels. Anything that changes from iteration to iteration is an argument.
+// The configuration that is compiled into the kernels. Values that change between iterations are arguments
+// instead.
 struct KernelConfig {
   int dim = 6;  // N
   RasterKind raster = RasterKind::cpu;
-  bool query_grad = false;    // let the gradient flow through the view direction
-  bool depth = false;         // forward rasteriser also writes expected depth
-  bool depth_grad = false;    // gradients of projected splats have one of their depth (kGradDepth)
-  ModelVariant variant = {};  // form of the method; fixes with `dim` the parameter rows
-  float alpha_min = 0;        // contributions of alpha <= alpha_min are left out; 0: none are
-  bool backward = true;  // false: forward only. Slots and masks do not exist, stages that learn are refused
-  std::uint32_t frozen = 0;  // parameter groups that are not learnt (host/scene/frozen_groups.hpp)
+  bool query_grad = false;    // the gradient includes the path through the view direction
+  bool depth = false;         // the forward rasteriser also writes the expected depth
+  bool depth_grad = false;    // gradients of projected splats include the depth (kGradDepth)
+  ModelVariant variant = {};  // variant of the method; together with `dim` it determines the parameter rows
+  float alpha_min = 0;        // contributions with alpha <= alpha_min are skipped; 0: none are skipped
+  // Whether there is a backward pass. Without it there are no slots and masks, and training stages are
+  // rejected.
+  bool backward = true;
+  std::uint32_t frozen = 0;  // parameter groups that are not trained (host/scene/frozen_groups.hpp)
   MathMode math = MathMode::exact;
 };
 
@@ -51,7 +55,7 @@ struct ImageShape {
 
 struct ProjectionSettings {
   float near_plane = 0.01f, far_plane = 1e10f;
-  float eps2d = 0.3f;  // added to the projected support ellipse's diagonal [px^2]
+  float eps2d = 0.3f;  // added to the diagonal of the projected support ellipse [px^2]
 };
 
 struct SplatView {  // raw parameters on the device, row k of splat i at k * stride + i
@@ -59,52 +63,55 @@ struct SplatView {  // raw parameters on the device, row k of splat i at k * str
   std::uint32_t count = 0, stride = 0;  // stride is a multiple of 64
 };
 
-struct ProjectForward {  // raw parameters + one camera -> projected splats
+struct ProjectForward {  // projects the splats with one camera
   SplatView splats;
   BufferView<float> cameras;  // (views, kCameraStride)
-  std::uint32_t camera = 0;   // row
+  std::uint32_t camera = 0;   // row of `cameras`
   ImageShape shape;
   ProjectionSettings settings;
-  // Splat i writes row first_record + i of the outputs; those have room for first_record + `stride` splats.
-  // Up to `stride`, rows from first_record + `count` on become undefined: groups are projected in the order
-  // of their rows.
+  // Splat i writes row first_record + i of the outputs, which must have space for first_record + `stride`
+  // splats. The rows from first_record + `count` to first_record + `stride` become undefined. Therefore
+  // groups of splats must be projected in the order of their rows.
   std::uint32_t first_record = 0;
-  BufferView<float> records;              // out (rows, kSplatStride); undefined where culled
-  BufferView<std::uint32_t> depth_keys;   // out: bits of depth, UBS_KEY_CULLED when not drawn
+  BufferView<float> records;              // out (rows, kSplatStride); undefined for culled splats
+  BufferView<std::uint32_t> depth_keys;   // out: bits of the depth, or UBS_KEY_CULLED if not visible
   BufferView<std::uint32_t> tile_rects;   // out (rows, 2): x0 | x1 << 16, y0 | y1 << 16, inclusive
-  BufferView<std::uint32_t> tile_counts;  // out: tiles touched, 0 when not drawn
+  BufferView<std::uint32_t> tile_counts;  // out: number of tiles in the rectangle, 0 if not visible
 };
 
 struct ListTotals {
-  std::uint64_t visible = 0;        // splats drawn
+  std::uint64_t visible = 0;        // visible splats
   std::uint64_t intersections = 0;  // (tile, splat) pairs
 };
 
-struct CountLists {  // -> how much there is to list, first slot of each splat
+struct CountLists {  // computes the number of intersections and the first slot of each splat
   std::uint32_t count = 0;
   BufferView<std::uint32_t> tile_counts;
-  BufferView<std::uint32_t> depth_keys;  // those that build_lists is given: a device may begin to sort
-  BufferView<std::uint32_t>
-      slot_offsets;  // out (count): exclusive prefix sum of tile_counts; forward only: left alone
-  // out (2), or empty: the totals, visible splats first. Where it is given count_lists does not wait: it
-  // returns bounds, `count` and `room`. A view of more than `room` (< 2^32) intersections becomes one without
-  // splats: its tile_counts are set to 0, and so it stays up to its gradient, which is 0.
+  BufferView<std::uint32_t> depth_keys;  // the same as for build_lists; a device may already start to sort
+  // out (count): exclusive prefix sums of tile_counts; not written without a backward pass
+  BufferView<std::uint32_t> slot_offsets;
+  // out (2), or empty: the totals, visible splats first. If it is given, count_lists does not wait, and
+  // returns the upper bounds `count` and `room` instead of the totals. If a view has more than `room`
+  // (< 2^32) intersections, it is turned into one without splats: its tile_counts are set to 0, and all later
+  // results, including its gradient, are those of an empty view.
   BufferView<std::uint64_t> totals = {};
   std::uint64_t room = 0;
 };
 
-struct BuildLists {  // -> per tile, splats in order of (depth, index); of the view counted last
+// Builds the list of each tile, with splats ordered by (depth, index), for the view of the last count_lists.
+struct BuildLists {
   std::uint32_t count = 0;
-  ListTotals totals;  // what the last count_lists returned
+  ListTotals totals;  // result of the last count_lists
   ImageShape shape;
   BufferView<std::uint32_t> depth_keys, tile_rects, slot_offsets;
-  BufferView<std::uint32_t> sorted_ids;    // out (intersections): splat
-  BufferView<std::uint32_t> sorted_slots;  // out (intersections): slot_offsets[splat] + number of the tile in
-                                           // its rect (row-major); forward only: left alone
-  BufferView<std::uint32_t> tile_ranges;   // out (tiles + 1): first intersection of each tile
-  bool bounded = false;  // it did not wait: `totals` are bounds, the numbers are on the device
-  BufferView<std::uint32_t> long_lists = {};  // out (1), or empty: not 0 where a list has more than kLongList
-                                              // entries; RasterKind::cpu: left alone
+  BufferView<std::uint32_t> sorted_ids;  // out (intersections): index of the splat
+  // out (intersections): slot_offsets[splat] + index of the tile in the splat's rectangle (row-major); not
+  // written without a backward pass
+  BufferView<std::uint32_t> sorted_slots;
+  BufferView<std::uint32_t> tile_ranges;  // out (tiles + 1): first intersection of each tile
+  bool bounded = false;                   // count_lists did not wait: `totals` are upper bounds
+  // out (1), or empty: not 0 if a list has more than kLongList entries. Not written with RasterKind::cpu.
+  BufferView<std::uint32_t> long_lists = {};
 };
 
 struct RasterForward {  // method.md 2.6
@@ -113,27 +120,29 @@ struct RasterForward {  // method.md 2.6
   BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   std::array<float, 3> background{0, 0, 0};
   BufferView<float> image;          // out (3, rows, pitch), not clamped
-  BufferView<float> transmittance;  // out (rows, pitch): what is left of the light, 1 - alpha
+  BufferView<float> transmittance;  // out (rows, pitch): transmittance after the last splat, 1 - alpha
   BufferView<float> depth;          // out (rows, pitch): expected depth; only with KernelConfig::depth
-  BufferView<std::uint16_t>
-      masks;  // out (intersections) by SLOT: 4x4 pixel blocks (bit 4 by + bx) of the tile that the splat
-              // may change: those it reaches while they are open, at least every block where it is
-              // composited or finishes a pixel; 0 = contributes nothing to the tile; forward only: left alone
-  // out, list_state_floats(intersections) of stage_sizes.hpp: pixels in front of the segments of lists
-  // (kernels/gpu/list_segments.h). RasterKind::cpu and forward only: empty
+  // out (intersections), indexed by SLOT: the 4x4 pixel blocks of the tile that the splat may affect, as bits
+  // 4 by + bx. These are the blocks that the splat reaches while they are open; they include at least all
+  // blocks in which it is composited or finishes a pixel. 0: the splat contributes nothing to the tile. Not
+  // written without a backward pass.
+  BufferView<std::uint16_t> masks;
+  // out, list_state_floats(intersections) of stage_sizes.hpp: the pixels in front of the segments of lists
+  // (kernels/gpu/list_segments.h). Empty for RasterKind::cpu, and without a backward pass.
   BufferView<float> states;
-  BufferView<std::uint32_t> long_lists = {};  // of BuildLists; empty: long lists are not divided
+  BufferView<std::uint32_t> long_lists = {};  // from BuildLists; empty: long lists are not divided
 };
 
-// Gradient slots of slot_floats() floats (stage_sizes.hpp): all in one buffer, or, where an allocation of the
-// device does not hold them, slot s in piece s >> bits at place s modulo 2^bits.
+// Gradient slots of slot_floats() floats each (stage_sizes.hpp). They are in a single buffer if one
+// allocation of the device is large enough. Otherwise they are in several pieces: slot s is in piece
+// s >> bits at index s modulo 2^bits.
 struct SlotViews {
   static constexpr unsigned kMaxPieces = 8;
   std::array<BufferView<float>, kMaxPieces> pieces = {};
   unsigned count = 0, bits = 32;
 };
 
-struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the same lists
+struct RasterBackward {  // method.md 3.1; needs the outputs of RasterForward for the same lists
   ImageShape shape;
   BufferView<float> records;
   BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
@@ -141,23 +150,24 @@ struct RasterBackward {  // method.md 3.1; needs the forward's outputs of the sa
   BufferView<std::uint16_t> masks;
   BufferView<float> states;
   BufferView<float> v_image;  // (3, rows, pitch); 0 outside width x height
-  SlotViews slots;            // out, one an intersection; those of mask 0 may stay unwritten
+  SlotViews slots;            // out, one per intersection; slots with mask 0 may stay unwritten
 };
 
-struct SumSlots {  // sum of each splat's slots with mask != 0, in a fixed order
+struct SumSlots {  // adds the slots with mask != 0 of each splat, in a fixed order
   std::uint32_t count = 0;
   BufferView<std::uint32_t> tile_counts, slot_offsets;
   SlotViews slots;
   BufferView<std::uint16_t> masks;
-  BufferView<float>
-      records;  // of the splats: a rasteriser may leave to the sum what is the same in all slots of a splat
-  // out (count, kGradStride), 0 behind kGradB; zero for splats without contribution
+  // Records of the splats. If a factor is the same in all slots of a splat, a rasteriser may leave the
+  // multiplication with it to this stage.
+  BufferView<float> records;
+  // out (count, kGradStride), 0 after kGradB; 0 for splats without contribution
   BufferView<float> v_records;
 };
 
-// Gradients and moments have the rows of the parameters that are learnt, in the same order
+// Gradients and moments have only the rows of the trained parameters, in the same order
 // (KernelConfig::frozen).
-struct ProjectBackward {  // gradient of projected splats -> gradient of raw parameters
+struct ProjectBackward {  // from the gradient of projected splats to that of the raw parameters
   SplatView splats;
   BufferView<float> cameras;
   std::uint32_t camera = 0;
@@ -165,25 +175,26 @@ struct ProjectBackward {  // gradient of projected splats -> gradient of raw par
   ProjectionSettings settings;
   std::uint32_t first_record = 0;  // as in ProjectForward
   BufferView<float> v_records;
-  BufferView<float> v_params;  // in/out (rows that are learnt, stride)
-  bool accumulate = false;     // add to v_params (later views of a batch) instead of overwriting
+  BufferView<float> v_params;  // in/out (trained rows, stride)
+  bool accumulate = false;     // add to v_params (later views of a batch) instead of overwriting it
 };
 
-// Gradient of projected splats -> gradient of the camera, the view direction's part included, whatever
-// KernelConfig::query_grad says. In partial sums of a fixed order, which the host adds up. Nothing may be
-// frozen.
+// Computes the gradient of the camera from that of the projected splats. It always includes the path through
+// the view direction, regardless of KernelConfig::query_grad. The result consists of partial sums in a fixed
+// order, which the host adds. KernelConfig::frozen must be 0.
 struct CameraBackward {
   ProjectBackward gradient;    // without v_params and accumulate
   BufferView<float> v_camera;  // out (kCameraGrads, lanes)
   std::uint32_t lanes = 0;     // a multiple of 64
 };
 
-struct MeasureWeights {  // what the splats of a forward pass do to its pixels; kernels/opencl/weights.cl
+// Measures how much the splats of a forward pass affect its pixels (kernels/opencl/weights.cl).
+struct MeasureWeights {
   ImageShape shape;
   BufferView<float> records;
   BufferView<std::uint32_t> sorted_ids, sorted_slots, tile_ranges;
   BufferView<std::uint16_t> masks;
-  BufferView<float> weights;  // out (intersections) by slot: largest transmittance * alpha in the tile
+  BufferView<float> weights;  // out (intersections) by slot: maximum of transmittance * alpha in the tile
 };
 
 struct ImageLoss {  // weighted sum of mean|I - T| and 1 - SSIM (method.md 4.1) and its gradient
@@ -191,46 +202,48 @@ struct ImageLoss {  // weighted sum of mean|I - T| and 1 - SSIM (method.md 4.1) 
   BufferView<float> image;          // (3, rows, pitch)
   BufferView<std::uint8_t> target;  // (3, height, width) planar 8 bit: value / 255; or
   BufferView<float> target_float;   // (3, height, width) when `target` is empty
-  // Pixels whose mask is 0 are taken as lying outside of the image: they and the windows around them do not
-  // count, to other windows they are zero in image and target, their gradient is 0; means are over the
-  // others.
+  // Pixels whose mask is 0 are treated as if they were outside the image: they and the windows around them do
+  // not count, they are zero (image and target) in other windows, and their gradient is 0. Means are over the
+  // pixels that count.
   BufferView<std::uint8_t> mask;  // (height, width); empty: all pixels count
-  std::uint32_t counted = 0;      // with a mask: how many pixels count
+  std::uint32_t counted = 0;      // with a mask: number of pixels that count
   LossWeights weights{0.8f, 0.2f};
-  float scale = 1;            // of the gradient: 1 / batch
-  bool clamp = false;         // evaluation: clamp the image to [0, 1] first
-  BufferView<float> v_image;  // out (3, rows, pitch), 0 outside; left alone when empty
+  float scale = 1;            // of the gradient: 1 / batch size
+  bool clamp = false;         // for evaluation: clamp the image to [0, 1] first
+  BufferView<float> v_image;  // out (3, rows, pitch), 0 outside the image; may be empty
   BufferView<float> sums;     // out 8 floats at sums_offset: mean|I-T|, mean SSIM, mse r, g, b, 0, 0, 0
   std::uint32_t sums_offset = 0;
-  // Exposure and white balance of the photograph: 12 numbers (kernels/math/appearance.h) by which the image
-  // is mapped before it is compared; v_image is that of the image before. Empty: compared as it is.
+  // Exposure and white balance of the photograph: 12 numbers (kernels/math/appearance.h) with which the image
+  // is mapped before it is compared. v_image is the gradient of the image before the mapping. Empty: no
+  // mapping.
   BufferView<float> appearance = {};
   std::uint32_t appearance_offset = 0;
-  BufferView<float> v_appearance = {};  // out 12, where v_image is
+  BufferView<float> v_appearance = {};  // out 12 numbers, if v_image is given
   std::uint32_t v_appearance_offset = 0;
 };
 inline constexpr int kAppearanceNumbers = 12, kAppearanceState = 60;  // kernels/math/appearance.h
 
-struct AppearanceStep {     // Adam of one image's numbers; then the mean over all images is brought back to 0
+// Takes an Adam step of the numbers of one image, and then subtracts the mean over all images.
+struct AppearanceStep {
   BufferView<float> state;  // (images, 60): numbers, two moments, two bias corrections
   std::uint32_t images = 0, image = 0;
   BufferView<float> gradient;  // 12 at gradient_offset
   std::uint32_t gradient_offset = 0;
-  float rate_diagonal = 0, rate_other = 0;  // 0: those numbers stay
-  BufferView<std::uint32_t> sentinel;       // as in AdamStep; a number that would not be finite stays
+  float rate_diagonal = 0, rate_other = 0;  // 0: these numbers are not changed
+  BufferView<std::uint32_t> sentinel;       // as in AdamStep; results that are not finite are not stored
   std::uint32_t stamp = 0;
 };
 
-// What is behind the splats where that has been learnt (method.md 4.11): 27 numbers, by basis function and
-// channel; with them a sky's state: 27 moments, and 27 second ones.
+// A learnt background (sky) behind the splats (method.md 4.11) has 27 numbers, by basis function and channel.
+// Its state consists of these numbers, 27 first moments and 27 second moments.
 inline constexpr int kSkyNumbers = 27, kSkyState = 81;
 
-struct DrawSky {  // image += transmittance times the colour of the sky along the pixel's direction
+struct DrawSky {  // image += transmittance * colour of the sky in the direction of the pixel
   ImageShape shape;
   BufferView<float> cameras;
   std::uint32_t camera = 0;
   BufferView<float> sky;            // (27)
-  BufferView<float> transmittance;  // of RasterForward, which was given a black background
+  BufferView<float> transmittance;  // of RasterForward with a black background
   BufferView<float> image;          // in/out
 };
 
@@ -244,15 +257,15 @@ struct SkyGradient {
   std::uint32_t gradient_offset = 0;
 };
 
-struct SkyStep {               // Adam; the constant colour stays within 0 and 1
+struct SkyStep {               // Adam; the constant colour is kept within [0, 1]
   BufferView<float> state;     // (81)
-  BufferView<float> gradient;  // (views, 27): added up
+  BufferView<float> gradient;  // (views, 27): added by this stage
   std::uint32_t views = 0;
-  float rate = 0, rate_harmonics = 0;  // 0: those numbers stay
-  // Far above that of AdamStep: a sky that next to no light comes from is not to move.
+  float rate = 0, rate_harmonics = 0;  // 0: these numbers are not changed
+  // Far larger than in AdamStep, so that a sky that is hardly visible does not move.
   float epsilon = 1e-4f;
   std::uint64_t step = 1;                   // 1-based
-  BufferView<std::uint32_t> sentinel = {};  // as in AdamStep; a number that would not be finite stays
+  BufferView<std::uint32_t> sentinel = {};  // as in AdamStep; results that are not finite are not stored
   std::uint32_t stamp = 0;
 };
 
@@ -260,25 +273,25 @@ struct Regularise {  // method.md 4.1: gradients of the parameter penalties, add
   SplatView splats;
   BufferView<float> v_params;
   PenaltyWeights weights{};
-  std::uint32_t total = 0;  // splats that the means are over; 0: these
+  std::uint32_t total = 0;  // number of splats that the means are over; 0: the splats passed here
 };
 
 struct AdamStep {  // method.md 4.2
   SplatView splats;
   BufferView<float> v_params, moment1, moment2;
-  BufferView<float> learning_rates;  // (parameter rows, also those that are not learnt)
+  BufferView<float> learning_rates;  // (parameter rows, including those that are not trained)
   float beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-15f;
   std::uint64_t step = 1;  // 1-based, for the bias correction
-  // in/out (1), or empty: not watched. Where a new value is not finite, 0 becomes `stamp` (> 0) and the
-  // parameter stays as it was, while its moments become what they become. A step that finds another stamp
-  // than its own changes nothing.
+  // in/out (1), or empty: no check. If a new value is not finite, the sentinel changes from 0 to `stamp`,
+  // which must be above 0. The parameter keeps its old value, while its moments are updated. A step that
+  // finds the stamp of another step changes nothing.
   BufferView<std::uint32_t> sentinel;
   std::uint32_t stamp = 0;
 };
 
-// The end of a training step, from the summed gradient of its last view on: ProjectBackward, Regularise and
-// AdamStep. The same results, but v_params are undefined after it: CPUs do all in one pass and never write
-// the gradient.
+// The last stages of a training step, starting from the summed gradient of its last view: ProjectBackward,
+// Regularise and AdamStep. The results are those of the three stages, except that v_params are undefined
+// afterwards, because CPUs do everything in one pass and never write the gradient.
 struct Learn {
   ProjectBackward gradient;
   Regularise penalty;
@@ -302,49 +315,49 @@ struct AddNoise {  // method.md 4.3 step 3
   SplatView splats;
   float amount = 0;  // noise_lr * lr_xyz
   std::uint64_t seed = 0, iteration = 0;
-  std::uint32_t first = 0;  // number of the first of these splats, by which they draw
+  std::uint32_t first = 0;  // index of the first of these splats; the random numbers depend on it
 };
 
-// Relocation and growth of splats that several processes share: their parts that need the device. What lies
-// between, draws and copies, is that of host/train/shared_splats.cpp.
-struct SamplingWeights {  // method.md 4.3: integer weights that sources are drawn by
+// The parts of relocation and growth that run on the device if several processes share the splats. The steps
+// in between, which draw the sources and copy splats, are in host/train/shared_splats.cpp.
+struct SamplingWeights {  // method.md 4.3: integer weights with which sources are drawn
   SplatView splats;
-  bool alive_only = false;                         // 0 for the dead
-  BufferView<std::uint32_t> weights, copy_counts;  // out (count): weights; 0
+  bool alive_only = false;                         // dead splats get weight 0
+  BufferView<std::uint32_t> weights, copy_counts;  // out (count): the weights; copy_counts become 0
 };
-struct SplitSources {  // those with copies take their share of their opacity, and fresh moments
+struct SplitSources {  // divides the opacity of sources with copies; resets their moments
   SplatView splats;
   BufferView<std::uint32_t> copy_counts;
   BufferView<float> moment1, moment2;
 };
 
-// Views that several processes make together (host/pipeline/shared_renderer.hpp): a process sends the records
-// of its splats that are drawn, one behind the other, each with its tile rect in the two values that a record
-// has to spare, and gets their gradients in the same order.
-struct PlaceDrawn {  // waits, and returns how many are drawn
+// Views that several processes render together (host/pipeline/shared_renderer.hpp). Each process sends the
+// records of its visible splats, one after the other. Each record contains the tile rectangle in two values
+// that are otherwise unused. The process receives their gradients in the same order.
+struct PlaceDrawn {  // waits, and returns the number of visible splats
   std::uint32_t count = 0;
   BufferView<std::uint32_t> tile_counts;
-  BufferView<std::uint32_t> places;  // out (count + 1): how many of the splats before are drawn
+  BufferView<std::uint32_t> places;  // out (count + 1): number of visible splats before each splat
 };
 struct PickDrawn {
   std::uint32_t count = 0;
   BufferView<float> records;
   BufferView<std::uint32_t> tile_rects, places;
-  BufferView<float> drawn;  // out (drawn, kSplatStride)
+  BufferView<float> drawn;  // out (visible splats, kSplatStride)
 };
-struct UnpackDrawn {  // where the view is drawn
+struct UnpackDrawn {  // on the process that renders the view
   std::uint32_t count = 0;
-  BufferView<float> records;  // in/out: as picked, and then as project_forward writes them
+  BufferView<float> records;  // in/out: as from PickDrawn, then as from ProjectForward
   BufferView<std::uint32_t> depth_keys, tile_rects, tile_counts;  // out
 };
 struct SpreadGradient {
   std::uint32_t count = 0;
-  BufferView<float> drawn;  // (drawn, kGradStride)
+  BufferView<float> drawn;  // (visible splats, kGradStride)
   BufferView<std::uint32_t> places;
-  BufferView<float> v_records;  // out (count, kGradStride): 0 where not drawn
+  BufferView<float> v_records;  // out (count, kGradStride): 0 for splats that are not visible
 };
 
-// Any of them, for those who treat all alike: timers, recorders, whoever repeats or inspects.
+// Any of the operations, for code that treats all of them alike, such as timers and recorders.
 using Operation =
     std::variant<ProjectForward, CountLists, BuildLists, RasterForward, ImageLoss, RasterBackward, SumSlots,
                  ProjectBackward, Regularise, AdamStep, Learn, Relocate, Grow, AddNoise, MeasureWeights,
@@ -387,7 +400,7 @@ consteval std::size_t operation_index() {
     return operation_index<T, kIndex + 1>();
 }
 
-// What an operation returns: the totals of count_lists, the number of splats that relocate moved or
+// The result of an operation: the totals of count_lists, the number of splats that relocate moved or
 // place_drawn counted, or nothing.
 using Outcome = std::variant<std::monostate, ListTotals, std::uint32_t>;
 
@@ -396,7 +409,7 @@ struct Overloaded : Cases... {
   using Cases::operator()...;
 };
 
-// One of `cases` for each operation, of which some return nothing.
+// Calls the case for the type of the operation. Cases may return nothing.
 template <typename... Cases>
 Outcome run_case(const Operation& operation, Cases... cases) {
   const Overloaded<Cases...> all{std::move(cases)...};
@@ -412,7 +425,7 @@ Outcome run_case(const Operation& operation, Cases... cases) {
       operation);
 }
 
-// A back end, or stages around other stages, implements `run`; callers use the names.
+// Back ends implement `run`, and so do classes that wrap other stages. Callers use the named functions below.
 class Stages {
  public:
   virtual ~Stages() = default;
@@ -420,7 +433,7 @@ class Stages {
   virtual Outcome run(const Operation&) = 0;
 
   void project_forward(const ProjectForward& a) { run(a); }
-  // Waits, unless it is told where the totals go.
+  // Waits, unless `totals` is given.
   ListTotals count_lists(const CountLists& a) { return std::get<ListTotals>(run(a)); }
   void build_lists(const BuildLists& a) { run(a); }
   void raster_forward(const RasterForward& a) { run(a); }

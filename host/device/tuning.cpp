@@ -31,7 +31,7 @@ Json identity(const DeviceInfo& device) {
   return {{"device", device.name}, {"driver", device.driver}, {"platform", device.platform}};
 }
 
-// Why the file cannot be used; empty: it can.
+// Returns why the file cannot be used, or an empty string if it can.
 std::string defect(const Json& json, const DeviceInfo& device) {
   if (!json.is_object()) return "it is no JSON object";
   if (json.value("format", Json()) != Json(kFormat)) return "its format is another";
@@ -42,7 +42,7 @@ std::string defect(const Json& json, const DeviceInfo& device) {
   return "";
 }
 
-// Why a value cannot be used; empty: it can.
+// Returns why a value cannot be used, or an empty string if it can.
 std::string defect(TunedTable table, const std::string& macro, const Json& value) {
   const TunedConstant* constant = find_constant(table, macro);
   if (!constant) return "this constant does not exist";

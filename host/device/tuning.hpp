@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constants of kernels and structures of a back end whose best value depends on the device: what the tables
-// of the back ends say about them, and the file a device that remembers what `ubs-lab tune` found there. Results
-// depend on build, device and tuning.
+// Tuned constants: constants of kernels and structures of a back end whose best value depends on the device.
+// This header declares the entries of the tables of the back ends, and the functions for the file, one per
+// device, that stores the values found by `ubs-lab tune`. Results depend on build, device and tuning.
 #pragma once
 
 #include <filesystem>
@@ -15,15 +15,15 @@
 
 namespace ubs {
 
-using TuningValues = std::map<std::string, unsigned>;  // by macro; as DeviceInfo::tuning
+using TuningValues = std::map<std::string, unsigned>;  // by macro, as in DeviceInfo::tuning
 
 struct TunedConstant {
   std::string_view macro;            // or the name of a structure
-  unsigned standard;                 // of OpenCL kernels the #ifndef default in the source
-  std::vector<unsigned> candidates;  // the only other values that the kernels are written for
-  std::string_view source;           // below kernels/, or cuda_backend/..., host/...: what reads it
-  RasterKind raster;                 // the kernels that read it
-  std::vector<std::string> stages;   // of a training step: those whose time it changes
+  unsigned standard;                 // for OpenCL kernels the #ifndef default in the source
+  std::vector<unsigned> candidates;  // the only other values that the kernels support
+  std::string_view source;           // file that uses it: relative to kernels/, or cuda_backend/..., host/...
+  RasterKind raster;                 // the kernels that use it
+  std::vector<std::string> stages;   // stages of a training step whose time it changes
 };
 using TunedTable = std::span<const TunedConstant>;
 
@@ -32,21 +32,24 @@ class TunableDevice {
  public:
   virtual ~TunableDevice() = default;
   virtual TunedTable tuned_constants() const = 0;
-  // For stages made from now on.
+  // Applies to stages that are created afterwards.
   virtual void set_tuning(TuningValues values) = 0;
 };
 
-// The value given for a macro, else `fallback`; or else its default in the table, where it must be.
+// Return the value of a macro in `values`. If it is not there, the first function returns `fallback`, and the
+// second one the default of the table, which must contain the macro.
 unsigned tuned_value(const TuningValues& values, std::string_view macro, unsigned fallback);
 unsigned tuned_value(TunedTable table, const TuningValues& values, std::string_view macro);
 
-// In $UBS_TUNING_DIR, else $XDG_CACHE_HOME/ubs, else ~/.cache/ubs; named by device, driver and platform.
-// Empty when there is no such folder to name.
+// Returns the path of the file in $UBS_TUNING_DIR, or $XDG_CACHE_HOME/ubs, or ~/.cache/ubs. Its name depends
+// on device, driver and platform. Returns an empty path if none of these folders is known.
 std::filesystem::path tuning_file(const DeviceInfo& device);
-// What the file says, nothing without one or with UBS_TUNING=off. A file that is damaged or of another device
-// is ignored, values that the table does not know too; each with one warning line on stderr a process.
+// Returns the values in the file; none if there is no file, or with UBS_TUNING=off. Ignores a file that is
+// damaged or of another device, and values that are not in the table. Prints one warning for each of these
+// per process.
 TuningValues load_tuning(const DeviceInfo& device, TunedTable table);
-// Replaces the file's values for `raster`, keeps those for the other one, atomically. Makes the folder.
+// Replaces the file's values for `raster` and keeps those for the other kind. The file is replaced
+// atomically, and its folder is created if necessary.
 void save_tuning(const DeviceInfo& device, TunedTable table, RasterKind raster, const TuningValues& values);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL C API with the version we target, owning handles, and error checks that name the call.
-// OpenCL 1.2 is the floor; anything newer is used only after asking the device.
+// The OpenCL C API in the version that ubs targets, owning handles, and error checks that report the failed
+// call. OpenCL 1.2 is the minimum; newer functions are used only if the device supports them.
 #pragma once
 
 #define CL_TARGET_OPENCL_VERSION 120
@@ -19,15 +19,15 @@
 
 namespace ubs::opencl {
 
-// "CL_OUT_OF_RESOURCES" for -5, and so on.
+// Returns "CL_OUT_OF_RESOURCES" for -5, and so on.
 std::string error_name(cl_int code);
 
-// Throws Error(device) naming the call. Destructors must not use it.
+// Throws Error(memory) or Error(device) with the name of the call. Must not be used in destructors.
 void check(cl_int code, const char* call);
 
-// An answer of clGetDeviceInfo that is a text; throws Error(device).
+// Returns a text from clGetDeviceInfo. Throws Error(device) if that fails.
 std::string device_text(cl_device_id device, cl_device_info what);
-// Whether a list of names between blanks has this one.
+// Returns whether a list of names that are separated by blanks contains this one.
 bool has_word(std::string_view names, std::string_view name);
 
 template <typename T, cl_int (*release)(T)>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work-groups by core (kernels/opencl/core_groups.h): for which devices, what their programs need, and how
-// their kernels are launched.
+// CoreGroups launches kernels whose work-groups are assigned to CPU cores (kernels/opencl/core_groups.h).
+// This header also says which devices support this, and what their programs need.
 #pragma once
 
 #include <cstddef>
@@ -14,23 +14,24 @@ namespace ubs::opencl {
 
 constexpr std::size_t kCoreGroupItems = 16;  // UBS_CORE_GROUP_ITEMS
 
-// Of PoCL on x86 CPUs of more than one core, whose kernels run in this process and can tell which core they
-// run on; else 0.
+// Returns the number of cores if the device supports this: PoCL on an x86 CPU with more than one core. Its
+// kernels run in this process and can determine which core they run on. Returns 0 for all other devices.
 std::uint32_t cores_for_groups(const OpenclDevice& device);
 
-// UBS_CORE_SHARES: the share of each core, "0,0,1" for shares 0 and 1 of the cores 0 and 2. cores: those that
-// the process may use, in ascending order. Empty where the remainders of their numbers by `shares` are
-// different already.
+// Returns the value of UBS_CORE_SHARES, the share of each core: "0,0,1" means share 0 for core 0 and share 1
+// for core 2. cores: the cores that the process may use, in ascending order. Returns an empty string if the
+// remainders of their numbers modulo `shares` already differ, because the kernels use the remainders by
+// default.
 std::string core_shares(std::span<const std::uint32_t> cores, std::uint32_t shares);
 
-// The kernels of a stage, which are launched in groups of one work-item. With 0 cores groups are left to the
-// driver.
+// Launches the kernels of a stage in groups of one work-item. With 0 cores, the driver distributes the
+// groups.
 class CoreGroups {
  public:
   CoreGroups(OpenclDevice& device, std::uint32_t cores) : device_(device), cores_(cores) {}
 
   explicit operator bool() const { return cores_ > 0; }
-  // The program of such kernels.
+  // Returns the program for such kernels.
   ProgramSpec program(ProgramSpec spec) const;
 
   template <typename... Parameters, typename... Args>
@@ -41,10 +42,10 @@ class CoreGroups {
   template <typename... Args>
   void launch(Kernel& kernel, std::size_t groups, const Args&... args) {
     if (cores_ == 0) return kernel(Range{groups}, Range{1}, args...);
-    if (groups == 0) return;  // such a launch would not prepare the claims of the next one
+    if (groups == 0) return;  // an empty launch would not prepare the claims of the next one
     const Claims claims = next_claims();
     kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
-    ++launches_;  // one that failed has prepared nothing for the next
+    ++launches_;  // not reached if the launch fails: it then has not prepared the next claims
   }
 
  private:
@@ -55,7 +56,7 @@ class CoreGroups {
 
   OpenclDevice& device_;
   std::uint32_t cores_;
-  Buffer<std::uint32_t> claims_[2];  // made for the first launch
+  Buffer<std::uint32_t> claims_[2];  // created at the first launch
   std::size_t launches_ = 0;
 };
 

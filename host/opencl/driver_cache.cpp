@@ -33,7 +33,7 @@ constexpr auto kTemporaryAge = 10min;
 constexpr auto kTidyEvery = 24h;
 constexpr auto kUnusedAge = 90 * 24h;
 
-// Since the last change; zero where there is no such file.
+// Returns the time since the last change, or zero if the file does not exist.
 fs::file_time_type::duration age(const fs::path& file) {
   std::error_code error;
   const auto changed = fs::last_write_time(file, error);
@@ -48,7 +48,8 @@ std::vector<fs::path> entries_of(const fs::path& folder) {
   return entries;
 }
 
-// Programs are folders two levels down; PoCL touches the file `last_accessed` in each when it is used.
+// Removes programs that have not been used for kUnusedAge, at most once per kTidyEvery. Programs are folders
+// two levels below. PoCL touches the file `last_accessed` in a program's folder whenever it uses the program.
 void remove_unused(const fs::path& folder) {
   std::error_code ignored;
   const fs::path stamp = folder / "tidied";
@@ -59,14 +60,14 @@ void remove_unused(const fs::path& folder) {
       if (age(program / "last_accessed") > kUnusedAge) fs::remove_all(program, ignored);
 }
 
-// What is known of a compiled file: a file of the same size and time of change, looked at since the machine
-// was started, is as it was.
+// Stored information about a compiled file. If a file has the same size and time of change, and has been
+// checked since the machine was started, it is not checked again.
 struct FileSum {
   std::uint32_t crc = 0;
   std::uint64_t size = 0;
   std::int64_t changed = 0;  // ctime [ns]
 };
-using FileSums = std::map<std::string, FileSum>;  // by the path below the folder of the cache
+using FileSums = std::map<std::string, FileSum>;  // by the path relative to the cache folder
 
 constexpr const char* kSums = "sums";
 
@@ -78,7 +79,7 @@ std::string boot_id() {
 
 std::int64_t nanoseconds(const timespec& t) { return std::int64_t{1'000'000'000} * t.tv_sec + t.tv_nsec; }
 
-// When the machine was started [ns].
+// Returns the time at which the machine was started [ns].
 std::int64_t boot_time() {
   timespec now{}, up{};
   ::clock_gettime(CLOCK_REALTIME, &now);
@@ -86,7 +87,8 @@ std::int64_t boot_time() {
   return nanoseconds(now) - nanoseconds(up);
 }
 
-// Empty where the list is missing or damaged itself.
+// Returns no sums if the list is missing or damaged. same_boot: whether it was written since the machine was
+// started.
 FileSums read_sums(const fs::path& folder, bool& same_boot) {
   std::string text;
   std::error_code error;
@@ -115,15 +117,16 @@ void write_sums(const fs::path& folder, const FileSums& sums) {
   for (const auto& [path, sum] : sums)
     text += fmt::format("{} {} {} {}\n", sum.crc, sum.size, sum.changed, path);
   text += fmt::format("end {:08x}\n", crc32(std::as_bytes(std::span(text))));
-  // Not by AtomicFile: at the end of a process its static objects are gone. Damage is seen by the last line.
+  // AtomicFile cannot be used, because its static objects no longer exist at the end of a process. Damage to
+  // the list is detected by its last line.
   const fs::path temporary = folder / fmt::format("tempfile_sums_{}", ::getpid());
   std::ofstream(temporary, std::ios::binary | std::ios::trunc) << text;
   std::error_code ignored;
   fs::rename(temporary, folder / kSums, ignored);
 }
 
-// Compiled files lie in folders of programs, two levels down; PoCL renames them to their names when they are
-// whole, and does not change them.
+// Returns the compiled files, which are in the folders of programs, two levels below. PoCL renames a file to
+// its final name when it is complete, and does not change it afterwards.
 std::vector<fs::path> compiled_files(const fs::path& folder) {
   std::vector<fs::path> files;
   for (const fs::path& group : entries_of(folder))
@@ -136,9 +139,9 @@ std::vector<fs::path> compiled_files(const fs::path& folder) {
   return files;
 }
 
-// Compares the files with what is known of them, and writes down what they are now. `heal`: programs of
-// damaged files are removed, and counted. A file that nobody has written down is sound where it was written
-// since the machine was started; before, a power cut may have left any part of it.
+// Compares the files with their stored check sums, and stores the current ones. heal: remove the programs of
+// damaged files. Returns the number of removed programs. A file without a stored check sum is accepted if it
+// was written since the machine was started. Otherwise a power failure may have left it incomplete.
 std::size_t check_sums(const fs::path& folder, bool heal) {
   bool same_boot = false, news = false;
   const FileSums known = read_sums(folder, same_boot);
@@ -183,18 +186,18 @@ std::size_t checked_sums(const fs::path& folder, bool heal) noexcept {
   try {
     std::error_code error;
     return fs::is_directory(folder, error) ? check_sums(folder, heal) : 0;
-  } catch (const std::exception&) {  // a list that cannot be written costs time at the next start
+  } catch (const std::exception&) {  // if the list cannot be written, the next start only takes longer
     return 0;
   }
 }
 
-// Where no folder can be made: PoCL then has no device, and chooses no folder by itself.
+// A folder that cannot be created. PoCL then reports no device, and does not choose a folder by itself.
 const fs::path kNoFolder = "/dev/null/ubs";
 constexpr const char* kFolderVariables[] = {"POCL_CACHE_DIR", "XDG_CACHE_HOME", "HOME"};
 
 SetVariable set_variable = nullptr;
 
-// What the environment gives PoCL, where that can be written, else ours.
+// Returns the folder that the environment specifies for PoCL if it is writable, otherwise that of ubs.
 fs::path chosen() {
   const char* given = std::getenv("POCL_CACHE_DIR");
   fs::path folder = given && *given ? usable_cache(given) : kernel_cache_folder();
@@ -202,7 +205,7 @@ fs::path chosen() {
   if (given && *given && folder == fs::absolute(given, ignored)) return folder;
   if (folder.empty()) {
     if (std::getenv("POCL_KERNEL_CACHE") == nullptr) set_variable("POCL_KERNEL_CACHE", "0");
-    folder = process_cache();  // it writes even what it does not keep
+    folder = process_cache();  // PoCL writes files even without a cache
     return folder.empty() ? kNoFolder : folder / "pocl";
   }
   folder /= "pocl";

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// PoCL's cache of compiled kernels in our own folder. PoCL takes $POCL_CACHE_DIR, else a folder below
-// $XDG_CACHE_HOME or $HOME; where it cannot write there it reports no device at all, and it leaves temporary
-// files behind.
+// Manages PoCL's cache of compiled kernels, which is placed in the cache folder of ubs. By default PoCL uses
+// $POCL_CACHE_DIR, or a folder in $XDG_CACHE_HOME or $HOME. If it cannot write there, it reports no devices
+// at all. It also leaves temporary files behind.
 #pragma once
 
 #include <filesystem>
@@ -10,30 +10,33 @@
 
 namespace ubs::opencl {
 
-// PoCL is told its folder through the environment, which belongs to the whole process. So this is done only
-// in a process that has called this function (registry.hpp); in others PoCL keeps its own folder.
+// Allows prepare_driver_cache() to set environment variables with `set`. PoCL reads its folder from the
+// environment, which belongs to the whole process, so only executables call this function (registry.hpp). In
+// other processes PoCL uses its own folder.
 void keep_driver_cache(SetVariable set);
 
-// Must be called before the first call of OpenCL; does its work once. Sets POCL_CACHE_DIR to `pocl` in
-// kernel_cache_folder(), tidied and healed; a POCL_CACHE_DIR of the user stays if it can be written. With
-// UBS_KERNEL_CACHE=off, and where nothing can be kept, PoCL gets a folder of this process alone, or one that
-// cannot exist: left to itself it takes a folder of the temporary one that anybody may have made, and runs
-// what is there.
+// Must be called before the first OpenCL call; only the first call has an effect. Sets POCL_CACHE_DIR to
+// `pocl` in kernel_cache_folder(), after removing old and damaged files there. A POCL_CACHE_DIR set by the
+// user is kept if it is writable. With UBS_KERNEL_CACHE=off, or if no folder can be kept, PoCL gets a
+// temporary folder for this process only, or one that cannot exist. Without this setting, PoCL would choose a
+// folder in the temporary directory that any user may have created, and run the code in it.
 void prepare_driver_cache();
 
-// Whether the environment gives PoCL a folder. Always true behind prepare_driver_cache() in a process that
-// has called keep_driver_cache(); in others PoCL must not be asked for devices without one.
+// Returns whether the environment specifies a folder for PoCL. It always does after prepare_driver_cache() in
+// a process that has called keep_driver_cache(). In other processes, PoCL must not be asked for devices
+// unless this returns true.
 bool driver_has_folder();
 
-// Removes programs with damaged files (a power cut leaves files empty, cut off or full of zeros, and PoCL
-// runs them) and returns how many. Check sums are in the file `sums` of the folder. They are compared where a
-// file has changed, and once after each start of the machine. Never throws.
+// Removes programs with damaged files and returns their number. (A power failure leaves files empty,
+// truncated or full of zeros, and PoCL runs them.) The file `sums` of the folder contains check sums. They
+// are compared for files that have changed, and for all files once after each start of the machine. Never
+// throws.
 std::size_t heal_driver_cache(const std::filesystem::path& folder);
 
-// Writes down check sums of what is new. At the end of a process. Never throws.
+// Stores check sums of new files. Called at the end of a process. Never throws.
 void record_driver_cache(const std::filesystem::path& folder);
 
-// Removes PoCL's temporary files that are older than ten minutes (a kernel compiles in seconds) and, once a
+// Removes PoCL's temporary files that are older than ten minutes (a kernel compiles in seconds) and, once per
 // day, programs that were not used for 90 days. Safe while other processes use the folder. Never throws.
 void tidy_driver_cache(const std::filesystem::path& folder);
 

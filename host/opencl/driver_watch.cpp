@@ -24,8 +24,9 @@ std::atomic<const char*> watched_now{nullptr};
 pthread_t caller;  // the thread that calls drivers
 struct sigaction before = {};
 
-// Why nothing can be written into PoCL's cache; 0: it can, or there is none. Like all below without locks and
-// the heap, either of which the driver may have left in any state.
+// Returns the errno with which writing to PoCL's cache fails, or 0 if it succeeds or there is no cache. This
+// and the following functions use neither locks nor the heap, because the driver may have left either in any
+// state.
 int cache_defect(const char* folder) {
   char name[4096] = {};
   if (folder == nullptr ||
@@ -70,7 +71,8 @@ int cache_defect(const char* folder) {
   end(text, ErrorKind::device);
 }
 
-// Threads other than the caller's that end the program are the driver's: ours do not.
+// A thread other than `caller` that ends the program belongs to the driver, because threads of ubs never do
+// so.
 const char* driver_at_work() {
   if (const char* what = watched_now.load()) return what;
   return ::pthread_equal(caller, ::pthread_self()) ? nullptr : "in a thread of its own";
@@ -82,7 +84,7 @@ void aborted(int signal) {
   std::raise(signal);
 }
 
-// Reached inside of a driver's call only if the driver has called exit().
+// Registered with atexit(). During a call of the driver it only runs if the driver has called exit().
 void left() {
   if (const char* what = driver_at_work()) report(what, "has ended the program");
 }
@@ -91,7 +93,7 @@ void left() {
 
 void leave_drivers_alone() noexcept { watches = false; }
 
-// Every time: LLVM, on its first use, puts a handler of its own in the place of ours.
+// Installs the signal handler every time, because LLVM replaces it by its own one at its first use.
 DriverWatch::DriverWatch(const std::string& what) noexcept : outer_(watched_now.load()) {
   if (!watches) return;
   struct sigaction ours = {}, found = {};

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// A line of ours where a driver ends the process. Short of memory, or of disk for its kernel cache, LLVM
-// inside of PoCL calls abort() or exit(), or throws through C code and leaves its locks taken, so that the
-// next call would wait for ever. Nobody can go on from there; what can be had is a message and the right exit
-// code.
+// DriverWatch prints a message of ubs when an OpenCL driver ends the process. If memory runs out, or the disk
+// of its kernel cache is full, LLVM inside PoCL calls abort() or exit(), or throws through C code and leaves
+// its locks held, so that the next call would wait forever. The process cannot recover; it can only print a
+// message and return the right exit code.
 #pragma once
 
 #include <string>
 
 namespace ubs::opencl {
 
-// Off for ever, in programs that use the library: their end is their own matter, and several of their threads may
-// call drivers.
+// Disables DriverWatch for the rest of the process. For programs that use the library: they handle the end of
+// the process themselves, and several of their threads may call drivers.
 void leave_drivers_alone() noexcept;
 
-// While one lives, and later in threads of the driver, such an end is reported with `what` ("kernel
-// 'adam_step'") and has exit code 6 where memory is limited and spent, 3 where the cache of compiled kernels
-// cannot be written, else 4. `what` must outlive it. Nested ones: the inner counts. For the one thread that
-// calls drivers.
+// While a DriverWatch exists, and later in threads of the driver, such an end of the process is reported with
+// `what` ("kernel 'adam_step'"). The exit code is 6 if memory is limited and used up, 3 if the cache of
+// compiled kernels is not writable, and 4 otherwise. `what` must outlive the DriverWatch. If they are nested,
+// the inner one applies. Only for the one thread that calls drivers.
 class DriverWatch {
  public:
   explicit DriverWatch(const std::string& what) noexcept;
@@ -28,7 +28,7 @@ class DriverWatch {
   const char* outer_;
 };
 
-// Calls a driver under watch. What it throws ends the process.
+// Calls a driver inside a DriverWatch. An exception from the call ends the process.
 template <typename Call>
 auto watched(const std::string& what, const Call& call) noexcept {
   const DriverWatch watch(what);

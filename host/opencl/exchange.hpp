@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// By what work-items of a wave exchange values without memory (kernels/gpu/exchange.h).
+// Selects how the work-items of a wave exchange values without memory (kernels/gpu/exchange.h).
 #pragma once
 
 #include <string_view>
@@ -10,17 +10,18 @@ namespace ubs::opencl {
 
 enum class Exchange { none, khr, nvidia, amd };  // UBS_SUBGROUPS
 
-// From the device's extensions and DeviceInfo::subgroup_language. What only a compiler can tell is left open.
+// Returns the mechanism that the device's extensions and DeviceInfo::subgroup_language suggest. Whether it
+// works has to be checked with the functions below.
 Exchange exchange_kind(std::string_view extensions, std::string_view subgroup_language);
 Exchange exchange_kind(const OpenclDevice& device);
 
-// The options of a program with it.
+// Returns the options for a program that uses it.
 Options exchange_options(const OpenclDevice& device, Exchange kind);
 
-// Why lanes of the kernel, which is built with `kind`, cannot exchange values in groups of this size: waves
-// must have whole rows of 16 lanes. Empty where they can.
+// Returns why the lanes of the kernel, which was built with `kind`, cannot exchange values in groups of this
+// size, or an empty string if they can. Waves must consist of whole rows of 16 lanes.
 std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group);
-// Runs kernels/gpu/exchange_check.cl and compares its sums. Waits. Empty where they are right.
+// Runs kernels/gpu/exchange_check.cl and compares its sums. Returns an empty string if they are right. Waits.
 std::string fault_of_values(OpenclDevice& device, Kernel check);
 
 }  // namespace ubs::opencl

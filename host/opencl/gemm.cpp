@@ -12,8 +12,9 @@ namespace {
 
 using Parameters = std::unordered_map<std::string, std::size_t>;
 
-// CPUs: a block of the inner dimension and of the columns that stays in a core's cache. 512 x 256 x 4608 in
-// one piece reached 51 GFLOP/s, products of blocks 115 to 150 (two cores with AVX-512).
+// CPUs: products are divided into blocks of the inner dimension and of the columns that fit into a core's
+// cache. A product of 512 x 256 x 4608 as a whole reached 51 GFLOP/s; in blocks it reached 115 to 150 (two
+// cores with AVX-512).
 constexpr int kInnerBlock = 1152;
 constexpr int kBlockFloats = 1 << 18, kMinColumns = 256;
 
@@ -22,10 +23,11 @@ void check_blast(clblast::StatusCode code, const char* call) {
     fail(ErrorKind::device, "{} failed with CLBlast status {}", call, static_cast<int>(code));
 }
 
-// CLBlast knows tuned constants of GPUs. Its defaults for other devices share tiles through local memory and
-// reach 8 GFLOP/s on PoCL (two cores with AVX-512, others at work). A work-item for itself with 4 x 4 vectors
-// in registers and no local memory reaches 149 on 64 x 1024 x 576, and 37 with the inner loop unrolled by 2.
-// Only the kernel for large products has these constants, so it is taken for small ones too.
+// Sets the constants of CLBlast for CPUs. CLBlast has tuned constants for GPUs. Its defaults for other
+// devices share tiles through local memory and reach 8 GFLOP/s on PoCL (two cores with AVX-512, with other
+// load). If each work-item computes 4 x 4 vectors in registers and uses no local memory, a product of 64 x
+// 1024 x 576 reaches 149 GFLOP/s, and 37 with the inner loop unrolled by 2. Only CLBlast's kernel for large
+// products has these constants, so it is used for small products as well.
 void tune_for_cpu(const OpenclDevice& device) {
   const std::size_t lanes = device.vector_width();
   const Parameters product{{"GEMMK", 0}, {"MWG", 4 * lanes}, {"NWG", 4},   {"KWG", 8},
@@ -47,7 +49,7 @@ Gemm::Gemm(OpenclDevice& device) : device_(device) {
   if (device.info().type == DeviceType::cpu && device.vector_width() > 1) tune_for_cpu(device);
 }
 
-// CLBlast keeps the programs of a context, and with them the context, until it is told to let go.
+// CLBlast caches the programs of a context, and thereby keeps the context, until the cache is cleared.
 Gemm::~Gemm() { clblast::ClearCache(); }
 
 std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
@@ -63,7 +65,7 @@ std::vector<Gemm::Block> Gemm::blocks(const MatrixProduct& p) const {
 
 namespace {
 
-struct Layout {  // of a block in the three matrices
+struct Layout {  // position of a block in the three matrices
   std::size_t rows, columns, inner, a_offset, a_pitch, b_offset, b_pitch, c_offset, c_pitch;
 };
 
@@ -103,7 +105,7 @@ std::size_t Gemm::scratch_bytes(const MatrixProduct& p) const {
   return bytes;
 }
 
-// Not among the timings: CLBlast gives the event of the last of its kernels only.
+// Products are not included in the timings, because CLBlast only returns the event of its last kernel.
 void Gemm::multiply(const MatrixProduct& p, const Block& block) {
   const Layout l = layout(p, block);
   const float keep = block.first_inner == 0 ? 0.0f : 1.0f;
@@ -118,7 +120,7 @@ void Gemm::multiply(const MatrixProduct& p, const Block& block) {
 void Gemm::operator()(const MatrixProduct& p) {
   const std::size_t floats = scratch_bytes(p) / sizeof(float);
   if (scratch_.size() < floats) {
-    scratch_ = {};  // before the larger one is made
+    scratch_ = {};  // free it before the larger one is allocated
     scratch_ = Buffer<float>(device_, "matrix product", floats);
   }
   for (const Block& block : blocks(p)) multiply(p, block);

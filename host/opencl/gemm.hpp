@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products in float32 through CLBlast.
+// Gemm computes matrix products in float32 with CLBlast.
 #pragma once
 
 #include "host/device/metric_ops.hpp"
@@ -14,11 +14,11 @@ class Gemm {
   Gemm(const Gemm&) = delete;
   Gemm& operator=(const Gemm&) = delete;
   void operator()(const MatrixProduct& product);
-  // Of the buffer that a product keeps for padded copies of its factors.
+  // Returns the size of the buffer in which a product keeps padded copies of its factors.
   std::size_t scratch_bytes(const MatrixProduct& product) const;
 
  private:
-  struct Block {  // a part of the columns and of the sums
+  struct Block {  // a range of columns and a range of the inner dimension
     int first_inner, inner, first_column, columns;
   };
   std::vector<Block> blocks(const MatrixProduct& product) const;

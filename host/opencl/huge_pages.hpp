@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Buffers of CPU devices in huge pages (2 MiB on Linux): the kernels walk through dozens of rows at a time,
-// whose small pages are more than the processor's page tables hold in cache. docs/performance.md has the
-// gain.
+// Allocates buffers of CPU devices in huge pages (2 MiB on Linux). The kernels read from dozens of rows at
+// the same time, which takes more small pages than the processor's TLB holds. docs/performance.md has the
+// speed-up.
 #pragma once
 
 #include "host/opencl/cl_api.hpp"
 
 namespace ubs::opencl {
 
-// A buffer that is at least `bytes` long, in memory of the host that is freed with it. Empty where it would
-// not pay (small buffers), where the system has no such pages, or with the environment variable
-// UBS_HUGE_PAGES=0: the caller lets the driver allocate then. The system may still give small pages; nothing
-// else depends on it.
+// Returns a buffer of at least `bytes` bytes in host memory, which is freed together with the buffer. Returns
+// an empty handle if the buffer is too small to benefit, if the system has no huge pages, or with the
+// environment variable UBS_HUGE_PAGES=0; the caller then lets the driver allocate the buffer. The system may
+// still provide small pages; this only affects speed.
 MemHandle make_in_huge_pages(cl_context context, std::size_t bytes);
 
 }  // namespace ubs::opencl

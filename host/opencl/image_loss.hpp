@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stage ImageLoss on OpenCL: L1 + SSIM of an image against its target and the gradient, in two passes
-// over tiles (kernels/gpu/loss.cl). Scratch: three float planes a channel in flight.
+// ImageLossKernels runs the stage ImageLoss on OpenCL: the L1 + SSIM loss of an image against its target, and
+// the gradient, in two passes over tiles (kernels/gpu/loss.cl). It allocates three float planes as scratch
+// memory for each channel of a launch.
 #pragma once
 
 #include "host/opencl/core_groups.hpp"
@@ -14,22 +15,22 @@ class ImageLossKernels {
   void run(const ImageLoss& loss);
 
  private:
-  struct Maps {  // planes of ssim_point with zero margins
+  struct Maps {  // planes of ssim_point() with zero margins
     std::uint32_t pitch = 0, plane = 0;
   };
-  std::size_t channels(const ImageShape& shape) const;  // of a launch
+  std::size_t channels(const ImageShape& shape) const;  // number of channels per launch
   Range tiles(const ImageShape& shape) const;
   Maps prepare(const ImageShape& shape, bool gradient);
   void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
 
   OpenclDevice& device_;
-  unsigned width_;  // lanes of a work-item
+  unsigned width_;  // lanes per work-item
   std::size_t tile_x_, group_;
   KernelSet& kernels(const ImageLoss& loss);
 
   CoreGroups core_groups_;
-  KernelSet whole_, masked_;  // built when the first image comes, and the first mask
-  ImageShape shape_;          // for which the margins of maps_ are zero
+  KernelSet whole_, masked_;  // built for the first image and the first mask
+  ImageShape shape_;          // the shape for which the margins of maps_ are zero
   Buffer<float> maps_, tile_sums_;
 };
 

@@ -19,8 +19,8 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
         "clGetKernelInfo");
 }
 
-// Asked only where a launch has failed: rusticl 22.3 answers 32 work-items and twice the local memory for
-// kernels that it runs in groups of 256.
+// Called only after a launch has failed, because the reported limits are not reliable: rusticl 22.3 reports
+// 32 work-items and twice the local memory for kernels that it runs in groups of 256.
 void Kernel::check_group(std::size_t items, cl_int code) const {
   std::size_t most = items;
   cl_ulong needed = 0, available = 0;
@@ -61,7 +61,7 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
     clGetKernelArgInfo(kernel_.get(), index, CL_KERNEL_ARG_TYPE_QUALIFIER, sizeof qualifier, &qualifier,
                        nullptr);
     std::string compiled = text, wanted(type.name);
-    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* is uint*
+    std::erase_if(compiled, [](char c) { return c >= '0' && c <= '9'; });  // uint2* counts as uint*
     if (compiled.starts_with("real")) compiled.replace(0, 4, "float");
     if (type.pointer) wanted += '*';
     const bool constant = (qualifier & CL_KERNEL_ARG_TYPE_CONST) != 0;
@@ -72,9 +72,9 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
   };
   for (const ParameterType& type : declared) {
     for (unsigned k = 0; k < type.times; ++k) check_next(type);
-    if (type.times > 1) check_next({"uint", false, false});  // of slots
+    if (type.times > 1) check_next({"uint", false, false});  // slot_bits
   }
-  if (index > 0 && index != argument_count_ && index + 2 != argument_count_)  // two more where cores choose
+  if (index > 0 && index != argument_count_ && index + 2 != argument_count_)  // core groups add two arguments
     fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} are declared", name_, argument_count_,
          index);
 }
@@ -87,7 +87,7 @@ void Kernel::set_bytes(cl_uint index, std::size_t bytes, const void* value) {
 }
 
 std::size_t Kernel::sub_group_size(Range group) const {
-  // Headers for OpenCL 1.2 have neither the function of OpenCL 2.1 nor the one of cl_khr_subgroups.
+  // Headers for OpenCL 1.2 have neither the function of OpenCL 2.1 nor that of cl_khr_subgroups.
   using Query = cl_int(CL_API_CALL*)(cl_kernel, cl_device_id, cl_uint, std::size_t, const void*, std::size_t,
                                      void*, std::size_t*);
   constexpr cl_uint kSizeForRange =
@@ -100,7 +100,7 @@ std::size_t Kernel::sub_group_size(Range group) const {
                                          sizeof size, &size, nullptr) == CL_SUCCESS;
     return answered ? size : 0;
   };
-  // A loader may call an older driver through a table that ends before this function.
+  // For older drivers the loader may call this function through a table that ends before its entry.
   if (device_->info().version >= "OpenCL 2.1")
     if (const std::size_t size = ask(dlsym(RTLD_DEFAULT, "clGetKernelSubGroupInfo"))) return size;
   cl_platform_id platform = nullptr;

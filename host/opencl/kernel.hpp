@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Building programs from the embedded sources and launching their kernels with checked arguments.
+// Kernel launches a kernel of a built program with checked arguments.
 #pragma once
 
 #include <cstdint>
@@ -15,18 +15,19 @@ namespace ubs::opencl {
 
 class OpenclDevice;
 
-// Of flat kernels: with 16 work-items a group they lose half of the bandwidth on PoCL.
+// Group size of kernels over elements. With 16 work-items per group they lose half of the bandwidth on PoCL.
 constexpr std::size_t kFlatGroup = 64;
 
 struct Range {
   std::size_t x = 1, y = 1, z = 1;
 };
 
-// A declared parameter as clGetKernelArgInfo names it; the element of a vector stands for the vector.
+// A declared parameter, in the terms of clGetKernelArgInfo. For a vector type it has the type of its
+// elements.
 struct ParameterType {
   std::string_view name;
   bool pointer, constant;
-  unsigned times = 1;  // as often in a row
+  unsigned times = 1;  // number of consecutive parameters of this type
 };
 template <typename Parameter>
 constexpr ParameterType parameter_type() {
@@ -44,10 +45,10 @@ constexpr ParameterType parameter_type() {
   return {name, std::is_pointer_v<Parameter>, std::is_const_v<Pointee>, slots ? SlotViews::kMaxPieces : 1};
 }
 
-// A kernel of a built program. Launches are enqueued in order on the device's queue.
+// A kernel of a built program. Launches are enqueued in order on the device's queue. Example:
 //   kernel(Range{global}, Range{local}, records.view(), count);
-// Buffers are passed as BufferView<T> (an empty view is a null pointer), scalars by value with exactly the
-// kernel's type. Global sizes must be multiples of local sizes. A launch with a zero global size does
+// Buffers are passed as BufferView<T> (an empty view is a null pointer), and scalars by value with exactly
+// the kernel's type. Global sizes must be multiples of local sizes. A launch with a global size of zero does
 // nothing.
 class Kernel {
  public:
@@ -61,10 +62,12 @@ class Kernel {
     check_count(index);
     launch(global, local);
   }
-  // That the first parameters are these, as far as the driver tells (UBS_SYNC=1); throws Error(internal).
+  // Checks that the first parameters have these types, as far as the driver reports them (UBS_SYNC=1). Throws
+  // Error(internal) otherwise.
   void check_types(std::span<const ParameterType> declared) const;
   const std::string& name() const { return name_; }
-  // Most work-items of a sub-group in groups of this size; 0 where the driver does not say.
+  // Returns the maximum number of work-items of a sub-group in groups of this size, or 0 if the driver does
+  // not report it.
   std::size_t sub_group_size(Range group) const;
 
  private:
@@ -82,8 +85,8 @@ class Kernel {
   void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);
-  // Throws Error(device) where groups of the kernel cannot have so many work-items, or where the device has
-  // less local memory than the kernel needs. code: of the launch that failed.
+  // Throws Error(device) if groups of the kernel cannot have this many work-items, or if the device has less
+  // local memory than the kernel needs. code: the error of the failed launch.
   void check_group(std::size_t items, cl_int code) const;
   void check_count(std::size_t given) const;
   void set_bytes(cl_uint index, std::size_t bytes, const void* value);
@@ -95,7 +98,7 @@ class Kernel {
   KernelHandle kernel_;
 };
 
-// Whether an argument is what a kernel declares (host/opencl/kernels.hpp).
+// Whether an argument has the type that a kernel declares (host/opencl/kernels.hpp).
 template <typename Parameter, typename Argument>
 inline constexpr bool fits = std::is_same_v<Parameter, Argument>;
 template <typename T>
@@ -107,7 +110,7 @@ inline constexpr bool fits<SlotViews*, SlotViews> = true;
 template <>
 inline constexpr bool fits<const SlotViews*, SlotViews> = true;
 
-// A kernel that is launched with the arguments that it declares, and with no others.
+// A kernel that can only be launched with arguments of the types that it declares.
 template <typename... Parameters>
 struct Launch {
   Kernel& kernel;

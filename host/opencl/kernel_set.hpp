@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of one program, each created at its first launch: a driver compiles only what runs.
+// KernelSet contains the kernels of one program. Each is created at its first launch, because a driver then
+// only compiles kernels that are used.
 #pragma once
 
 #include <array>
@@ -36,7 +37,7 @@ class KernelSet {
   std::map<std::string, Kernel, std::less<>> kernels_;
 };
 
-// Kernels of kernels/map, launched in flat groups. lanes: UBS_VW of the program.
+// Launches kernels of kernels/map in one-dimensional groups. lanes: UBS_VW of the program.
 class MapKernels {
  public:
   MapKernels(OpenclDevice& device, unsigned lanes, ProgramSpec spec)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of the OpenCL back end with the types of their arguments; what cores take in addition
-// (core_groups.hpp) is not among them. With UBS_SYNC=1 each is compared with what the driver has compiled.
+// The kernels of the OpenCL back end with the types of their arguments, without the additional arguments of
+// core groups (core_groups.hpp). With UBS_SYNC=1 each kernel is compared with the result of the driver's
+// compiler.
 #pragma once
 
 #include <array>
@@ -10,7 +11,7 @@
 
 namespace ubs::opencl {
 
-// Gradient slots are UBS_SLOTS in a kernel: eight buffers and a number.
+// In a kernel, gradient slots are the parameters UBS_SLOTS: eight buffers and a number.
 using Slots = SlotViews;
 
 // ---- kernels/map ----
@@ -65,7 +66,7 @@ inline constexpr Declared<void(const In* in, u32 count, u32 block, const Sum* su
     "scan_write"};
 
 // ---- Tile lists by chunks ----
-using ChunkSums = std::array<u64, 4>;  // drawn splats, their tiles, least and largest key
+using ChunkSums = std::array<u64, 4>;  // visible splats, their tiles, smallest and largest key
 inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 chunk, u32 bits,
                                ChunkSums* sums, u32* histogram)>
     kChunkSums{"count_sums"};

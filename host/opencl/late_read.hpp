@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small copies to the host that it looks at later (Device::read_later), in pinned memory.
+// Small copies to the host, in pinned memory, that the host reads later (Device::read_later).
 #pragma once
 
 #include <utility>
@@ -11,7 +11,7 @@
 
 namespace ubs::opencl {
 
-// Blocks of kBytes; one is used again when its reader is gone.
+// Blocks of kBytes. A block is reused after its reader has been destroyed.
 class ReadBlocks {
  public:
   static constexpr std::size_t kBytes = 8192;
@@ -23,7 +23,7 @@ class ReadBlocks {
   std::vector<PinnedBlock> free_;
 };
 
-// At most ReadBlocks::kBytes.
+// A copy of at most ReadBlocks::kBytes.
 class LateRead final : public PendingRead {
  public:
   LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from, std::size_t offset,

@@ -15,16 +15,17 @@ namespace {
 
 constexpr std::uint32_t kKeyBits = 32;
 constexpr std::size_t kDigits = std::size_t{1} << stage_sizes::kRadixBits;
-// Below this one work-item scans a histogram at once: 10 us at the most, and one launch less.
+// Below this size a single work-item scans a histogram. That takes at most 10 us and saves one launch.
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
 
-// CPUs: depths of a scene differ in 24 bits or so, which with 12 bits is two passes. Lists of 30K, 100K and
-// 300K splats with 10, 11, 12 and 13 bits, which are three, three, two and two: 0.28, 0.28, 0.26, 0.26; 0.72,
-// 0.73, 0.65, 0.65; 2.0, 2.1, 1.8, 1.9 ms. At 1M 8 and 12 bits are equal; at 3M, where 4096 open cache lines
-// and pages are too many, 40 ms with 8 and 43 with 12.
+// CPUs: the depths of a scene differ in about 24 bits, which takes two passes with 12 bits each. Times of
+// lists with 10, 11, 12 and 13 bits, which take three, three, two and two passes: 30K splats 0.28, 0.28,
+// 0.26, 0.26 ms; 100K splats 0.72, 0.73, 0.65, 0.65 ms; 300K splats 2.0, 2.1, 1.8, 1.9 ms. At 1M splats 8 and
+// 12 bits are equally fast. At 3M splats, where 4096 open cache lines and pages are too many, 8 bits take
+// 40 ms and 12 bits 43 ms.
 struct Digits {
-  std::uint32_t first, widest;  // bits of the first, most bits of another one
+  std::uint32_t first, widest;  // bits of the first digit; maximum bits of each further digit
 };
 constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
     kOfMany{stage_sizes::kDigitOfMany, stage_sizes::kDigitOfMany};
@@ -90,8 +91,8 @@ void Lists::run(const BuildLists& lists) {
 
 // ---- CPUs: chunks -------------------------------------------------------------------------------
 
-// The first digit is that of the key itself, so that its pass need not know the least and the largest key: it
-// runs while the host waits for these.
+// The first digit is taken from the key itself, so that its pass does not depend on the smallest and the
+// largest key and can run while the host waits for these.
 ListTotals Lists::count_by_chunks(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
   const Blocks blocks = scan_.blocks(lists.count);
@@ -132,15 +133,17 @@ ListTotals Lists::add_sums(std::span<const std::byte> chunks) {
   return totals;
 }
 
-// The passes after the first: by the bits above its digit in which keys differ, counted from a `base` in
-// which the bits of the first digit are 0, so that it is the same of key and key - base.
+// Makes the passes after the first one. They sort by the bits above the first digit in which the keys differ.
+// The bits are relative to a `base` in which the bits of the first digit are 0, so that this digit is the
+// same for key and key - base.
 BufferView<std::uint32_t> Lists::depth_order_by_chunks(const Job& job) {
   const std::uint32_t most = job.drawn.most, top = first_bits_;
   const std::uint32_t base = least_ >> top << top;
   const auto left =
       static_cast<std::uint32_t>(std::bit_width(largest_ > base ? (largest_ - base) >> top : 0));
   const std::uint32_t widest = digits(job.lists.count).widest;
-  const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);  // the last writes the indices
+  // The last pass writes the indices, so there is at least one.
+  const std::uint32_t passes = std::max(1u, (left + widest - 1) / widest);
   const Blocks blocks = scan_.blocks(most);
   const BufferView<std::uint32_t> order = scratch(ids_a_, most);
   BufferView<std::uint64_t> from = counted_.view();
@@ -167,7 +170,8 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
   const BuildLists& lists = job.lists;
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
-  // A row of the histogram is worth clearing only for as many intersections as it has tiles.
+  // Clearing a row of the histogram only pays off if a chunk has at least as many intersections as the row
+  // has tiles.
   const std::size_t cores = device_.info().compute_units;
   const std::size_t most =
       std::min({most_chunks(device_.info()), static_cast<std::size_t>(stage_sizes::kMaxBins / tiles),
@@ -182,8 +186,8 @@ void Lists::place_by_chunks(const Job& job, BufferView<std::uint32_t> order) {
                       lists.tile_ranges, lists.sorted_ids, lists.sorted_slots);
 }
 
-// Leaves in histogram_ the place of each (chunk, bin) relative to its bin, in `starts` (bins + 1) the place
-// of each bin.
+// Replaces each entry (chunk, bin) of histogram_ by its place relative to the start of the bin, and writes
+// the start of each bin to `starts` (bins + 1).
 void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std::uint32_t> starts) {
   if (chunks * bins <= kSmallHistogram) {
     kernels_[kColumnStarts](Range{1}, Range{1}, histogram_.view(), static_cast<std::uint32_t>(chunks), bins,
@@ -224,7 +228,7 @@ BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const Pairs spare{scratch(keys_a_, most), scratch(ids_a_, most), {}};
   for (std::uint32_t shift = 0; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
     radix_pass(from, to, job.drawn, shift);
-    if (shift == 0) from = spare;  // the input stays as it is
+    if (shift == 0) from = spare;  // the input must not be overwritten
     std::swap(from, to);
   }
   return from.values;
@@ -246,7 +250,7 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
            slots_ ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
-  // An even number of passes ends where it began, an odd one on the other side.
+  // An even number of passes ends in the buffers it started in, an odd number in the other ones.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
   kernels_[kEmitIntersections](grid(pairs), kListGroup, order, firsts, job.drawn.most, job.drawn.counted,
                                job.pairs.most, job.pairs.counted, lists.tile_rects, lists.slot_offsets,

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists (CountLists and BuildLists of host/device/stages.hpp): drawn splats sorted by depth, then
-// distributed over tiles by a stable pass, so that every list is in order of (depth, index).
-// RasterKind::cpu: one work-item a chunk, counting pass by tile, CountLists begins the sort. RasterKind::gpu:
-// groups with local memory, emission and radix sort by tile. Same results, bit for bit. Only CountLists
-// waits, unless the totals are to stay on the device: then buffers and launches are for bounds, and kernels
-// read how much there is.
+// Lists builds the tile lists (CountLists and BuildLists of host/device/stages.hpp). It sorts the visible
+// splats by depth, then distributes them over the tiles with a stable pass, so that every list is ordered by
+// (depth, index).
+// With RasterKind::cpu one work-item processes a chunk of elements, a counting pass sorts by tile, and
+// CountLists already starts the sort. With RasterKind::gpu work-groups with local memory write the
+// intersections, and a radix sort sorts them by tile. The results are bit-identical. Only CountLists waits
+// for the device. It does not wait if the totals stay on the device; then buffers and launches are sized for
+// upper bounds, and the kernels read the actual numbers.
 #pragma once
 
 #include <array>
@@ -23,23 +25,25 @@ class Lists {
  public:
   Lists(OpenclDevice& device, const KernelConfig& config);
 
-  // Slot offsets wrap when the total is above 2^32 - 1; the total itself is exact.
+  // Slot offsets wrap if the total exceeds 2^32 - 1; the total itself is exact.
   ListTotals run(const CountLists& lists);
-  // tile_counts given to CountLists must be the areas of tile_rects, all inside the image.
+  // The tile_counts that were passed to CountLists must be the areas of tile_rects, which must all be inside
+  // the image.
   void run(const BuildLists& lists);
 
  private:
   using Words = Buffer<std::uint32_t>;
-  // A number of elements: `most`, or, bounded, what stands at `counted`, which is no more.
+  // A number of elements. Without `counted` it is `most`. With `counted` it is the value stored there, and
+  // `most` is an upper bound.
   struct ElementCount {
     std::uint32_t most = 0;
     BufferView<std::uint32_t> counted = {};
   };
   struct Job {
     const BuildLists& lists;
-    ElementCount drawn, pairs;  // splats in the lists, intersections
+    ElementCount drawn, pairs;  // visible splats, intersections
   };
-  struct Pairs {  // one side of a sort; the keys and up to two payloads
+  struct Pairs {  // input or output of a sort: the keys and up to two payloads
     BufferView<std::uint32_t> keys, values, values2;
   };
 
@@ -65,15 +69,18 @@ class Lists {
   KernelSet kernels_, radix_;
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
-  Words drawn_, pairs_;  // (1) each, bounded only
+  Words drawn_, pairs_;  // one element each; only used with upper bounds
   Words visible_, histogram_, starts_, ids_a_;
-  // Chunks only: (key, index) by the first digit of the view counted last, and the range of its keys.
+  // The next three lines are for chunks only. CountLists writes the sums of the chunks to chunk_sums_, and
+  // (key, index) of the visible splats to counted_, sorted by the first digit of the key, which has
+  // first_bits_ bits. The later passes of the sort write to pairs_a_ and pairs_b_. least_ and largest_ are
+  // the range of the keys.
   Buffer<ChunkSums> chunk_sums_;
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
   Words visible_keys_, keys_a_, keys_b_, ids_b_;     // groups only
   Words digits_, area_sums_;                         // groups only
-  Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element an intersection
+  Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element per intersection
 };
 
 }  // namespace ubs::opencl

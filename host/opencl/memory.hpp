@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A buffer of an OpenCL device, accounted for on its device while it lives.
+// OpenclMemory is a buffer on an OpenCL device. The device's memory statistics include it as long as it
+// exists.
 #pragma once
 
 #include "host/opencl/opencl_device.hpp"
@@ -18,7 +19,7 @@ class OpenclMemory final : public Memory {
  private:
   OpenclDevice& device_;
   MemHandle memory_;
-  mutable void* address_ = nullptr;  // once asked for
+  mutable void* address_ = nullptr;  // null until address() is called
 };
 
 }  // namespace ubs::opencl

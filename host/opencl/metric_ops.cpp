@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operations of image metrics on an OpenCL device: kernels/map/network.cl and ssim_valid.cl, and CLBlast.
+// The operations of image metrics on an OpenCL device, with kernels/map/network.cl, kernels/map/ssim_valid.cl
+// and CLBlast.
 #include "host/device/map_metric_ops.hpp"
 #include "host/opencl/gemm.hpp"
 #include "host/opencl/kernel_set.hpp"

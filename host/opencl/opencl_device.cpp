@@ -45,7 +45,7 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
          memory_limits_text());
   if (info.type == DeviceType::cpu) memory_ = make_in_huge_pages(device.context(), bytes);
   cl_int code = CL_SUCCESS;
-  // A buffer of zero bytes is not allowed, an empty array is.
+  // OpenCL does not allow buffers of zero bytes, but arrays may be empty.
   if (!memory_)
     memory_.reset(clCreateBuffer(device.context(), CL_MEM_READ_WRITE, std::max<std::size_t>(bytes, 64),
                                  nullptr, &code));
@@ -55,7 +55,8 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
   device_.account(this->label(), static_cast<std::int64_t>(bytes));
 }
 
-// PoCL computes on CPUs in the memory that it maps, at one place for as long as the buffer is there.
+// On CPUs PoCL computes in the memory that it maps, and the address stays the same as long as the buffer
+// exists.
 DeviceAddress OpenclMemory::address() const {
   if (!device_.on_pocl_cpu_ || bytes() == 0) return {};
   if (address_) return {address_};
@@ -82,7 +83,7 @@ OpenclDevice::OpenclDevice(cl_platform_id platform, cl_device_id device, DeviceI
   queue_ = make_queue();
 }
 
-// Staged writes may still be on their way.
+// Waits, because staged writes may still be pending.
 OpenclDevice::~OpenclDevice() {
   if (queue_) clFinish(queue_.get());
   if (upload_queue_) clFinish(upload_queue_.get());
@@ -110,7 +111,8 @@ void OpenclDevice::write(Memory& to, std::size_t offset, std::span<const std::by
   record("write", event);
 }
 
-// A blocking write would wait for everything before it in the queue: for a few learning rates each iteration.
+// Small writes are staged, because a blocking write would wait for everything before it in the queue. The
+// learning rates are written in every iteration.
 void OpenclDevice::write_staged(cl_mem to, std::size_t offset, std::span<const std::byte> from) {
   Staged& staged = staged_[next_staged_];
   next_staged_ = (next_staged_ + 1) % staged_.size();
@@ -169,7 +171,7 @@ void OpenclDevice::read(const Memory& from, std::size_t offset, std::span<std::b
   record("read", event);
 }
 
-// A GPU would copy for the map.
+// Only maps the memory on CPUs, because a GPU would copy it for the map.
 void OpenclDevice::show(const Memory& from, std::size_t bytes, std::vector<std::byte>& room,
                         const std::function<void(std::span<const std::byte>)>& use) {
   if (info_.type != DeviceType::cpu || bytes == 0) return Device::show(from, bytes, room, use);
@@ -269,14 +271,16 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
   std::vector<std::string> options = spec.options;
   const auto is_language = [](const std::string& option) { return option.starts_with("-cl-std="); };
   if (std::ranges::none_of(options, is_language)) options.push_back("-cl-std=CL1.2");
-  if (synchronous_) options.push_back("-cl-kernel-arg-info");  // Kernel::check_types
-  // PoCL's native functions are the library's. Intel's for CPUs are no instructions and wrong by 1e-6.
+  if (synchronous_) options.push_back("-cl-kernel-arg-info");  // for Kernel::check_types()
+  // PoCL's native functions are library functions. On Intel's CPU driver they are not single instructions,
+  // and have errors of 1e-6.
   if (on_pocl_cpu_)
     options.push_back("-DUBS_POCL=1");
   else if (info_.type == DeviceType::cpu)
     append(options, {"-Dnative_exp2=exp2", "-Dnative_log2=log2"});
-  // Moments and gradients of splats that nobody sees decay into denormals, which cost Intel's CPUs up to four
-  // times a step. On GPUs it would let compilers round twice in place of a fused multiply-add.
+  // Moments and gradients of splats that are never visible decay into denormals, which make a step up to four
+  // times slower on Intel's CPUs. On GPUs the option would allow compilers to round twice instead of using a
+  // fused multiply-add.
   if (info_.type == DeviceType::cpu) options.push_back("-cl-denorms-are-zero");
   std::sort(options.begin(), options.end());
   const std::string files = fmt::format("{}", fmt::join(spec.sources, " + "));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One OpenCL device with its context, one in-order queue and its built programs.
+// OpenclDevice is one OpenCL device with its context, one in-order queue and its built programs.
 #pragma once
 
 #include <array>
@@ -14,9 +14,10 @@
 
 namespace ubs::opencl {
 
-// Sources are names of embedded files relative to kernels/ in the order of concatenation;
-// dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h always come first,
-// unnamed. Options are "-DNAME=VALUE" and compiler flags; they are sorted, so their order does not matter.
+// ProgramSpec describes a program. `sources` are names of embedded files relative to kernels/, in the order
+// of concatenation. dialect/dialect.h, variant.h, limits.h, layout.h, dialect/entry.h and math/elementary.h
+// always come first and are not named. `options` are "-DNAME=VALUE" and compiler flags. They are sorted, so
+// their order does not matter.
 struct ProgramSpec {
   std::vector<std::string> sources;
   std::vector<std::string> options;
@@ -24,7 +25,7 @@ struct ProgramSpec {
 
 class OpenclDevice;
 
-// A program specialised for the splat's dimension (UBS_N), the variant, the mode of powers and the
+// Returns a program that is specialised for the splat's dimension (UBS_N), the variant, the math mode and the
 // vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
@@ -47,7 +48,7 @@ class OpenclDevice final : public Device, public TunableDevice {
   void copy_async(Memory& to, std::span<const std::byte> from) override;
   void join_uploads() override;
   void finish() override;
-  // Hands over what has been enqueued to a driver that would gather more of it.
+  // Makes the driver start the enqueued work, even if it would otherwise wait for more of it.
   void flush() { check(clFlush(queue_.get()), "clFlush"); }
   void set_profiling(bool on) override;
   std::vector<TimerEntry> timings() const override;
@@ -56,34 +57,36 @@ class OpenclDevice final : public Device, public TunableDevice {
   std::unique_ptr<MetricOps> make_metric_ops() override;
   TunableDevice* tunable() override { return this; }
 
-  // With the tuned constants of its sources as options.
+  // Returns the program with the tuned constants of its sources added to the options.
   ProgramSpec tuned(ProgramSpec spec) const;
   TunedTable tuned_constants() const override;
   void set_tuning(TuningValues values) override { info_.tuning = std::move(values); }
 
-  // Names of all kernels that have been launched or made ready for it, and of all in the programs built for
-  // them.
+  // Return the names of all kernels that have been launched or prepared for a launch, and of all kernels in
+  // the programs that were built for them.
   std::set<std::string> created_kernels() const;
   std::set<std::string> compiled_kernels() const;
 
-  // Built once per spec and device object; a kernel of it is compiled by the driver on first use.
+  // Returns a kernel. Its program is built once per spec and device object. The driver compiles the kernel at
+  // its first launch.
   Kernel kernel(const ProgramSpec& spec, const std::string& name);
-  // PoCL's own driver of CPUs, whose kernels are compiled by clang and run in this process.
+  // Returns whether this is PoCL's own CPU driver, whose kernels are compiled by clang and run in this
+  // process.
   bool on_pocl_cpu() const { return on_pocl_cpu_; }
-  // Lanes of an explicit float vector on this device: 16, 8 or 4 on CPUs, 1 on GPUs.
+  // Returns the number of lanes of an explicit float vector on this device: 16, 8 or 4 on CPUs, 1 on GPUs.
   unsigned vector_width() const { return info_.float_vector_width; }
 
   cl_context context() const { return context_.get(); }
   cl_device_id id() const { return device_; }
   cl_command_queue queue() const { return queue_.get(); }
-  // Takes over an event of a profiled launch; null events are ignored.
+  // Takes ownership of the event of a profiled launch; ignores null events.
   void record(const std::string& name, cl_event event);
   bool profiling() const { return profiling_; }
   bool synchronous() const { return synchronous_; }  // UBS_SYNC=1: wait after each launch
 
  private:
   friend class OpenclMemory;
-  struct Staged {  // a write on its way; its bytes stay as they are until its event has passed
+  struct Staged {  // a pending write; its bytes must not change until its event has completed
     PinnedBlock block;
     EventHandle event;
   };
@@ -97,14 +100,14 @@ class OpenclDevice final : public Device, public TunableDevice {
   DeviceInfo info_;
   bool on_pocl_cpu_ = false, profiling_ = false, synchronous_ = false;
   ContextHandle context_;
-  QueueHandle queue_, upload_queue_;  // the second one is made for the first copy_async()
+  QueueHandle queue_, upload_queue_;  // the second one is created by the first copy_async()
   std::map<std::string, ProgramHandle> programs_;
   std::map<std::pair<std::string, std::string>, std::set<std::string>> kernels_;  // by sources and options
   std::array<Staged, 16> staged_;
   std::size_t next_staged_ = 0;
   std::array<Staged, 2> uploads_;
   std::size_t next_upload_ = 0;
-  std::vector<cl_event> unjoined_;  // of uploads_
+  std::vector<cl_event> unjoined_;  // events of uploads_
   ReadBlocks reads_;
   mutable std::vector<std::pair<std::string, EventHandle>> pending_;
   mutable std::map<std::string, TimerEntry> timings_;

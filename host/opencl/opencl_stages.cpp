@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage interface on an OpenCL device: each operation is handed to the class that owns its kernels.
+// The stage interface on an OpenCL device. Each operation is passed to the class that has its kernels.
 #include "host/device/map_stages.hpp"
 #include "host/device/parameter_stages.hpp"
 #include "host/opencl/image_loss.hpp"
@@ -20,7 +20,7 @@ unsigned lanes(const OpenclDevice& device, const KernelConfig& config) {
   return config.raster == RasterKind::gpu ? 1 : device.vector_width();
 }
 
-// UBS_COLOUR 3: harmonics up to degree 2.
+// UBS_COLOUR 3 means spherical harmonics up to degree 2.
 ProgramSpec sky_program(unsigned width) {
   return {{"math/rotation.h", "math/colour.h", "map/row_sums.cl", "map/sky.h", "map/sky.cl"},
           {"-DUBS_VW=" + std::to_string(width), "-DUBS_COLOUR=3"}};
@@ -33,7 +33,7 @@ ProgramSpec parameter_program(std::vector<std::string> sources, unsigned width, 
   return spec;
 }
 
-// Adam, penalties and noise.
+// Returns the program for Adam, penalties and noise.
 ProgramSpec step_program(unsigned width, const KernelConfig& config) {
   return parameter_program(
       {"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
@@ -41,14 +41,14 @@ ProgramSpec step_program(unsigned width, const KernelConfig& config) {
       width, config);
 }
 
-// With the prefix sum of the weights.
+// Returns the program for relocation and growth, including the prefix sum of the weights.
 ProgramSpec draw_program(const KernelConfig& config) {
   ProgramSpec draws = parameter_program(
       {"math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/mcmc.cl"}, 1, config);
   return with_scan(std::move(draws), config, "uint", "ulong");
 }
 
-// Every operation has its run() in the class that owns its kernels.
+// Each operation is run by the class that has its kernels.
 struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, ParameterChanges, Drawn {
   Kernels(OpenclDevice& device, const KernelConfig& config)
       : Projection(device, config),
@@ -84,8 +84,8 @@ bool is_any_of(const Operation& operation) {
   return (std::holds_alternative<T>(operation) || ...);
 }
 
-// Where the host has other work to do next, or may have, it flushes: some drivers begin with what is enqueued
-// only when there is much of it, or when they are asked to.
+// Flushes the queue after stages that the host follows with other work, because some drivers only start
+// enqueued work when there is much of it, or when they are flushed.
 class OpenclStages final : public Stages {
  public:
   OpenclStages(OpenclDevice& device, const KernelConfig& config)

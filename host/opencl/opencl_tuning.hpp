@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tuned constants of the OpenCL kernels (host/device/tuning.hpp). A value is passed to the kernels as
-// -DMACRO=VALUE; without one the #ifndef default in the source holds.
+// -DMACRO=VALUE. Without a value, the #ifndef default in the source applies.
 #pragma once
 
 #include "host/device/tuning.hpp"
@@ -8,10 +8,12 @@
 namespace ubs::opencl {
 
 const std::vector<TunedConstant>& tuned_constants();
-// The value given for a macro of the table, else its default; with a third argument, else that.
+// Returns the value of a macro in `values`. If there is none, returns `fallback` if it is given, and
+// otherwise the default of the table.
 unsigned tuned_value(const TuningValues& values, std::string_view macro);
 using ubs::tuned_value;
-// Appends -D options for the values of constants of these sources that the options do not define already.
+// Appends -D options for the constants of these sources that have a value and are not yet defined by the
+// options.
 void add_tuning(const TuningValues& values, const std::vector<std::string>& sources,
                 std::vector<std::string>& options);
 

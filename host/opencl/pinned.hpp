@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of the host that a device copies to and from by itself: of copies with pageable memory, asynchronous
-// or not, some drivers return only when they are done.
+// Pinned host memory, which a device copies to and from by itself. With pageable memory some drivers return
+// from a copy only when it has finished, even if it is asynchronous.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +10,12 @@
 
 namespace ubs::opencl {
 
-// A block that stays mapped as long as it lives, which no copy with it may outlive. Move-only.
+// A block that stays mapped as long as it exists. It must outlive all copies that use it. Can be moved but
+// not copied.
 class PinnedBlock {
  public:
-  // For what the device writes and the host reads, or the other way round: then it waits for all that the
-  // queue has to do, so that the host may write at once.
+  // read: the device writes and the host reads. write: the host writes and the device reads; the constructor
+  // then waits for all work in the queue, so that the host may write at once.
   enum class Use { read, write };
 
   PinnedBlock() = default;
@@ -28,7 +29,7 @@ class PinnedBlock {
     void operator()(std::byte* bytes) const {
       clEnqueueUnmapMemObject(queue.get(), memory.get(), bytes, 0, nullptr, nullptr);
     }
-    QueueHandle queue;  // through which it is mapped
+    QueueHandle queue;  // the queue that it was mapped with
     MemHandle memory;
   };
   std::unique_ptr<std::byte, Unmap> bytes_;

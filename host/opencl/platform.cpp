@@ -25,8 +25,8 @@ T device_value(cl_device_id device, cl_device_info what) {
   return value;
 }
 
-// Names of the optional features of OpenCL C 3.0, each between blanks; older devices do not know the
-// question.
+// Returns the names of the optional features of OpenCL C 3.0, each surrounded by blanks. Older devices do not
+// support the query.
 std::string language_features(cl_device_id device) {
   constexpr cl_device_info kFeatures = 0x106F;  // CL_DEVICE_OPENCL_C_FEATURES
   struct NameVersion {                          // cl_name_version
@@ -42,7 +42,8 @@ std::string language_features(cl_device_id device) {
   return names;
 }
 
-// Of cl_khr_pci_bus_info and of NVIDIA's cl_nv_device_attribute_query, which headers do not all have.
+// Result of the extension cl_khr_pci_bus_info. Not all versions of the headers declare it and NVIDIA's
+// cl_nv_device_attribute_query.
 struct PciBusInfo {
   cl_uint domain, bus, device, function;
 };
@@ -52,7 +53,7 @@ std::string pci_text(const PciBusInfo& pci) {
   return fmt::format("{:04x}:{:02x}:{:02x}.{:x}", pci.domain, pci.bus, pci.device, pci.function);
 }
 
-// "0000:1b:00.0", or nothing where the driver does not say.
+// Returns for example "0000:1b:00.0", or an empty string if the driver does not report the address.
 std::string pci_address(cl_device_id device, const std::string& extensions) {
   const auto get = [&](cl_device_info name, auto& value) {
     return clGetDeviceInfo(device, name, sizeof value, &value, nullptr) == CL_SUCCESS;
@@ -63,14 +64,15 @@ std::string pci_address(cl_device_id device, const std::string& extensions) {
   if (!has_word(extensions, "cl_nv_device_attribute_query") || !get(kPciBusNv, pci.bus) ||
       !get(kPciSlotNv, slot))
     return {};
-  get(kPciDomainNv, pci.domain);  // older drivers have none
+  get(kPciDomainNv, pci.domain);  // older drivers do not support it
   pci.device = slot >> 3;
   pci.function = slot & 7;
   return pci_text(pci);
 }
 
-// What a device offers to a work-group. The kernels for cards run in groups of 256 work-items, and the
-// largest of them takes 28 KiB of local memory (gpu/raster_backward.cl); full profiles of OpenCL have 32 KiB.
+// The limits of a device for work-groups. The kernels for GPUs run in work-groups of 256 work-items, and the
+// largest kernel uses 28 KiB of local memory (gpu/raster_backward.cl). Devices with the full profile of
+// OpenCL have at least 32 KiB.
 struct GroupLimits {
   std::size_t items;
   std::uint64_t local_bytes;
@@ -101,13 +103,13 @@ DeviceInfo describe_device(const std::string& platform, cl_device_id device) {
   info.compute_units = device_value<cl_uint>(device, CL_DEVICE_MAX_COMPUTE_UNITS);
   info.has_double = device_value<cl_uint>(device, CL_DEVICE_PREFERRED_VECTOR_WIDTH_DOUBLE) > 0;
   if (info.type == DeviceType::cpu) {
-    // PoCL reports the native width of the CPU's registers: 16 AVX-512, 8 AVX, 4 SSE and NEON. 1 of a
-    // compiler that puts work-items side by side into registers itself, as llvmpipe: vectors would be four
-    // times the code.
+    // PoCL reports the width of the CPU's registers: 16 for AVX-512, 8 for AVX, 4 for SSE and NEON. A
+    // compiler that vectorises across work-items itself, such as llvmpipe's, reports 1; explicit vectors
+    // would produce four times the code there.
     const auto native = device_value<cl_uint>(device, CL_DEVICE_NATIVE_VECTOR_WIDTH_FLOAT);
     info.float_vector_width = native >= 16 ? 16 : native >= 8 ? 8 : native >= 2 ? 4 : 1;
   } else if (group_limits(device).too_small()) {
-    info.float_vector_width = 4;  // the kernels for CPUs, whose groups are single work-items
+    info.float_vector_width = 4;  // use the kernels for CPUs, whose groups are single work-items
   }
   const std::string extensions = device_text(device, CL_DEVICE_EXTENSIONS);
   info.pci = pci_address(device, extensions);
@@ -122,7 +124,7 @@ struct Entry {
   DeviceInfo info;
 };
 
-// Calls `add`. What is wrong with one driver or device is a remark: it must not hide the others.
+// Calls `add`. If it throws, prints a warning, so that a faulty driver or device does not hide the others.
 template <typename Add>
 void add_if_sound(const std::string& what, const Add& add) {
   try {
@@ -167,7 +169,7 @@ std::vector<Entry> entries() {
   prepare_driver_cache();
   std::vector<Entry> all;
   cl_uint count = 0;
-  // Without any driver the loader reports an error instead of zero platforms.
+  // If there is no driver, the loader reports an error instead of zero platforms.
   if (clGetPlatformIDs(0, nullptr, &count) != CL_SUCCESS || count == 0) return all;
   std::vector<cl_platform_id> platforms(count);
   check(clGetPlatformIDs(count, platforms.data(), nullptr), "clGetPlatformIDs");
@@ -186,7 +188,7 @@ std::vector<Entry> entries() {
 
 std::string subgroup_language(std::string_view version, std::string_view extensions,
                               std::string_view features) {
-  // In 3.0 even what 2.1 demanded became optional.
+  // In 3.0 the sub-groups that 2.1 required became optional.
   if (version.starts_with("OpenCL 3.")) return has_word(features, "__opencl_c_subgroups") ? "CL3.0" : "";
   if (version.starts_with("OpenCL 2.")) return has_word(extensions, "cl_khr_subgroups") ? "CL2.0" : "";
   return "";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The OpenCL devices of this machine.
+// Lists and opens the OpenCL devices of this machine.
 #pragma once
 
 #include <memory>
@@ -11,17 +11,18 @@
 
 namespace ubs::opencl {
 
-// All devices of all platforms in the loader's order; platforms without devices are skipped, those whose
-// driver does not answer and single devices that do not with a warning.
+// Returns all devices of all platforms in the order of the loader. Platforms without devices are skipped.
+// Platforms and devices whose driver fails are skipped with a warning.
 std::vector<DeviceInfo> list_devices();
 
-// The -cl-std that makes sub-group functions available: "CL3.0", "CL2.0", or empty when the device has none.
-// From the device's version ("OpenCL 3.0 ..."), extensions and OpenCL C features (names between blanks).
+// Returns the -cl-std that makes sub-group functions available, "CL3.0" or "CL2.0", or an empty string if the
+// device has none. It depends on the device's version ("OpenCL 3.0 ..."), its extensions, and its OpenCL C
+// features (names separated by blanks).
 std::string subgroup_language(std::string_view version, std::string_view extensions,
                               std::string_view features);
 
-// Opens a device by its place in list_devices(). A vector width other than 0 replaces the device's own:
-// kernels for the widths of other machines can so be tested anywhere.
+// Opens a device by its index in list_devices(). A vector width other than 0 replaces that of the device, so
+// that kernels for the widths of other machines can be tested anywhere.
 std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_width = 0);
 
 }  // namespace ubs::opencl

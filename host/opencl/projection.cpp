@@ -17,9 +17,9 @@ std::string large_register_option(const OpenclDevice& device) {
   return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
 }
 
-// By default OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a square root. The floors of
-// kernels/limits.h were found with both correctly rounded, so cards that can round correctly are asked to.
-// CPUs do so anyway.
+// Returns the option for correctly rounded divisions and square roots, if the device supports it. By default
+// OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a square root, but the bounds in
+// kernels/limits.h were determined with correct rounding. CPUs always round correctly.
 std::string exact_division_option(const OpenclDevice& device) {
   if (device.info().type == DeviceType::cpu) return "";
   cl_device_fp_config config = 0;
@@ -60,8 +60,9 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
 
 }  // namespace
 
-// From Xe-HP, 12.50, on: the version has ten bits of architecture, then eight of release. Drivers that still
-// put ten bits of release there give a quarter of it, which looks older: their cards go without.
+// The option exists from Xe-HP (version 12.50) on. The IP version contains ten bits of architecture, followed
+// by eight bits of release. Some drivers still use ten bits for the release; then the release read here is a
+// quarter of the actual one, so that the GPU seems older and does not get the option.
 std::string large_register_option(std::string_view extensions, std::uint32_t ip_version) {
   const std::uint32_t architecture = ip_version >> 22, release = ip_version >> 14 & 0xff;
   const bool has = architecture > 12 || (architecture == 12 && release >= 50);

@@ -12,11 +12,11 @@
 namespace ubs::opencl {
 namespace {
 
-constexpr std::size_t kGpuGroup = kTileSide * kTileSide;  // one work-item a pixel
+constexpr std::size_t kGpuGroup = kTileSide * kTileSide;  // one work-item per pixel
 
 bool on_cpu(const KernelConfig& config) { return config.raster == RasterKind::cpu; }
 
-// What all programs with a rasteriser share; for CPUs it is the rasteriser itself.
+// Returns the sources that all programs with a rasteriser share. On CPUs these include the rasteriser itself.
 ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                            bool pieces = false) {
   const unsigned width = on_cpu(config) ? device.vector_width() : 1;
@@ -34,7 +34,7 @@ ProgramSpec raster_program(const OpenclDevice& device, const KernelConfig& confi
   return spec;
 }
 
-// With the sum of slots, where there is one.
+// Returns the program of the rasterisers. With a backward pass it includes the sum of slots.
 ProgramSpec view_program(const OpenclDevice& device, const KernelConfig& config, Exchange exchange,
                          bool pieces = false) {
   ProgramSpec spec = raster_program(device, config, exchange, pieces);
@@ -54,7 +54,8 @@ ProgramSpec weights_program(const OpenclDevice& device, KernelConfig config) {
   return spec;
 }
 
-// Work-items of a group of the sum. With groups by core, as many splats as groups of projection have.
+// Returns the number of work-items per group of the sum. With core groups it is the number of splats per
+// group of the projection.
 std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, const CoreGroups& core_groups) {
   const TuningValues& tuning = device.info().tuning;
   if (!on_cpu(config)) return tuned_value(tuning, "UBS_SUM_GROUP_GPU");
@@ -62,7 +63,7 @@ std::size_t sum_group(const OpenclDevice& device, const KernelConfig& config, co
   return tuned_value(tuning, "UBS_SUM_GROUP", kCoreGroupItems * device.vector_width());
 }
 
-// `then` with the arguments that begin those of each kernel that goes through lists.
+// Calls `then` with the arguments that come first in all kernels that use lists.
 template <typename Work, typename Then>
 void with_lists(const Work& work, const Then& then) {
   then(work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
@@ -82,8 +83,8 @@ Raster::Raster(OpenclDevice& device, const KernelConfig& config)
       sum_group_(sum_group(device, config, core_groups_)),
       weights_(device, weights_program(device, config)) {}
 
-// Only a compiler can tell whether it takes the instructions of a card and how wide the kernel's waves are,
-// and only a run whether the values are right.
+// Determines whether lanes can exchange values. Only compiling shows whether the compiler accepts the
+// instructions and how wide the kernel's waves are, and only running shows whether the values are right.
 Exchange Raster::exchange() {
   if (exchange_) return *exchange_;
   exchange_ = Exchange::none;
@@ -176,7 +177,7 @@ void Raster::run(const SumSlots& work) {
           "tile_counts or slot_offsets shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
           "v_records shorter than count");
-  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // a splat
+  const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // per splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
   KernelSet& kernels = raster(work.slots.count > 1);
   const Range global{groups * sum_group_}, local{sum_group_};
@@ -193,7 +194,7 @@ void Raster::run(const SumSlots& work) {
 
 void Raster::run(const MeasureWeights& work) {
   check_weights(work);
-  const std::size_t items = on_cpu(config_) ? 1 : kGpuGroup;  // a tile
+  const std::size_t items = on_cpu(config_) ? 1 : kGpuGroup;  // per tile
   weights_[kMeasureWeights]({static_cast<std::size_t>(work.shape.tiles()) * items}, {items}, work.records,
                             work.sorted_ids, work.sorted_slots, work.tile_ranges, work.shape.tiles_x(),
                             work.shape.tiles_y(), work.shape.width, work.shape.height, work.masks,

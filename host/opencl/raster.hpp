@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterisers and the sum over slots: picks the kernels of KernelConfig::raster and launches them.
-// Contracts: RasterForward, RasterBackward and SumSlots in host/device/stages.hpp.
+// Raster runs the rasterisers, the sum over slots and the weights of splats. It launches the kernels that
+// KernelConfig::raster selects. Contracts: RasterForward, RasterBackward, SumSlots and MeasureWeights in
+// host/device/stages.hpp.
 #pragma once
 
 #include <map>
@@ -23,16 +24,16 @@ class Raster {
 
  private:
   Exchange exchange();
-  KernelSet& raster(bool pieces);  // of slots in several
+  KernelSet& raster(bool pieces);  // pieces: slots are in several buffers
 
   OpenclDevice& device_;
   KernelConfig config_;
-  std::map<bool, KernelSet> raster_;  // by whether slots are in several pieces
-  std::optional<Exchange> exchange_;  // once asked for
+  std::map<bool, KernelSet> raster_;  // by whether slots are in several buffers
+  std::optional<Exchange> exchange_;  // set at the first use
   CoreGroups core_groups_;
   std::size_t sum_group_;
   KernelSet weights_;
-  Buffer<float> parts_;  // of long lists
+  Buffer<float> parts_;  // parts of long lists
 };
 
 }  // namespace ubs::opencl

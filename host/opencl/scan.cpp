@@ -19,7 +19,7 @@ Blocks group_blocks(std::uint64_t elements) {
   return {kBlock, std::max<std::size_t>(1, divide_up(elements, kBlock)), kGroupSize};
 }
 
-// So few blocks that each group can add up the sums of those before its own.
+// Divides the elements into so few blocks that each work-group can add the sums of all blocks before its own.
 Blocks few_group_blocks(std::uint64_t elements) {
   constexpr std::uint64_t kMost = 1024;
   const std::uint64_t size =
@@ -27,13 +27,14 @@ Blocks few_group_blocks(std::uint64_t elements) {
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), kGroupSize};
 }
 
-// 30 000 splats on two cores are 8 chunks and not 7, of which one core would get four.
+// Divides the elements into a number of chunks that is a multiple of the number of cores: 30 000 splats on
+// two cores are 8 chunks instead of 7, so that no core gets four of seven.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores) {
   std::uint64_t wanted =
       std::clamp<std::uint64_t>(elements / stage_sizes::kSmallestChunk, 1, std::max<std::size_t>(1, most));
   if (wanted > 1 && cores <= most)
     wanted = std::min<std::uint64_t>(round_up(wanted, cores), most / cores * cores);
-  // Whole cache lines, so that neighbours do not share one.
+  // Chunks consist of whole cache lines, so that no two chunks share one.
   const std::uint64_t size = std::max<std::uint64_t>(16, round_up(divide_up(elements, wanted), 16));
   if (size > kLargestChunk) return chunk_blocks(elements, 2 * wanted, cores);
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), 1};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sums of device arrays, and how a stage cuts its elements into blocks on each kind of
+// Exclusive prefix sums of device arrays, and the division of a stage's elements into blocks on each kind of
 // device. Nothing here waits.
 #pragma once
 
@@ -10,42 +10,45 @@
 
 namespace ubs::opencl {
 
-// CPUs: one work-item a chunk, a few chunks a core. GPUs: one group of 256 a block of fixed size.
+// CPUs: one work-item per chunk, a few chunks per core. GPUs: one group of 256 work-items per block of fixed
+// size.
 struct Blocks {
-  std::uint32_t size = 1;  // elements a block
-  std::size_t count = 1;   // blocks, at least one
-  std::size_t local = 1;   // work-items a group
+  std::uint32_t size = 1;  // elements per block
+  std::size_t count = 1;   // number of blocks, at least one
+  std::size_t local = 1;   // work-items per group
 
   Range global() const { return {count * local}; }
   Range group() const { return {local}; }
 };
-constexpr std::size_t kGroupSize = 256;  // kGroup
+constexpr std::size_t kGroupSize = 256;  // kGroup of kernels/opencl/group_scan.cl
 Blocks group_blocks(std::uint64_t elements);
-// At most `most` chunks, the same number for each core; small inputs get fewer, because a chunk must be worth
-// its launch.
+// Returns at most `most` chunks, the same number for each core. Small inputs get fewer chunks, because it
+// must not take longer to launch a chunk than to process it.
 Blocks chunk_blocks(std::uint64_t elements, std::size_t most, std::size_t cores);
-// Chunks that keep the device busy.
+// Returns the number of chunks that keeps the device busy.
 std::size_t most_chunks(const DeviceInfo& info);
 
-// The program with the kernels of sums of type `in` into sums of type `out` added to it.
+// Adds the kernels for sums of type `out` of values of type `in` to a program.
 ProgramSpec with_scan(ProgramSpec spec, const KernelConfig& config, const char* in, const char* out);
 
-// out[i] = in[0] + ... + in[i - 1] for i = 0 .. count: `out` has count + 1 elements, so out[count] is the
-// total and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch in queue order.
+// Computes out[i] = in[0] + ... + in[i - 1] for i = 0 .. count. `out` has count + 1 elements: out[count] is
+// the total, and out[i + 1] the inclusive sum. 32-bit results wrap. Calls share scratch memory in the order
+// of the queue.
 class Scan {
  public:
   Scan(OpenclDevice& device, const KernelConfig& config);
-  // widening: a program that has the kernels of 32-bit values into 64-bit sums among its own; with a program
-  // less a process of PoCL starts a twentieth of a second sooner.
+  // widening: a program that also contains the kernels for 64-bit sums of 32-bit values. With one program
+  // less, a process with PoCL starts a twentieth of a second sooner.
   Scan(OpenclDevice& device, const KernelConfig& config, ProgramSpec widening);
 
-  Blocks blocks(std::uint64_t elements) const;  // of this kind of device, also for other passes over elements
+  // Returns the blocks for this kind of device. Also used for other passes over elements.
+  Blocks blocks(std::uint64_t elements) const;
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint32_t> out,
-                 std::uint32_t count);  // out may be in
+                 std::uint32_t count);  // `out` may be `in`
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count);
   void exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out,
-                 std::uint32_t count);  // out may be in
-  // The same where the sums of blocks(count) are there already.
+                 std::uint32_t count);  // `out` may be `in`
+  // The same if the sums of blocks(count) have been computed already.
   void exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums,
                          BufferView<std::uint32_t> out, std::uint32_t count);
 
@@ -57,7 +60,7 @@ class Scan {
   OpenclDevice& device_;
   bool chunks_;
   KernelSet narrow_, widening_, wide_;
-  Buffer<std::uint32_t> sums_narrow_;  // of blocks
+  Buffer<std::uint32_t> sums_narrow_;  // sums of blocks
   Buffer<std::uint64_t> sums_wide_;
 };
 

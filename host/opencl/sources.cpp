@@ -8,7 +8,8 @@
 
 namespace ubs::opencl {
 
-// Each source once. The pragma that says so to other compilers is for files that are included.
+// Adds each source once. `#pragma once` is removed from the sources, because it is only valid in files that
+// are included.
 std::string assemble(const std::vector<std::string>& names) {
   constexpr std::string_view kOnce = "#pragma once";
   std::string text;

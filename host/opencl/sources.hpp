@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Programs of the embedded kernel sources (host/device/kernel_sources.hpp).
+// Assembles programs from the embedded kernel sources (host/device/kernel_sources.hpp).
 #pragma once
 
 #include <string>
@@ -7,7 +7,8 @@
 
 namespace ubs::opencl {
 
-// The prelude (dialect, limits, layout) and the named files, each headed by a #line of its own name.
+// Returns the prelude (dialect, limits, layout) and the named files as one text. Each file starts with a
+// #line directive with its name.
 std::string assemble(const std::vector<std::string>& names);
 
 }  // namespace ubs::opencl

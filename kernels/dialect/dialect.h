@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The language of kernels/math and kernels/map: the intersection of OpenCL C 1.2, CUDA C++ and C++20.
-// One source, three compilers: a value is a `vreal`, UBS_VW lanes wide in OpenCL, one lane elsewhere.
-//  - No references, templates, overloads, pointers or recursion; structs by value.
-//  - No branches on a `vreal`: choose with `mask ? a : b`, combine masks with & | !. In OpenCL both
-//    sides of ?: must be vreal, so literals are written V(0.5), scalars R(0.5).
-//  - A comparison that must be false for NaN is written so that NaN gives the safe answer.
+// The language of kernels/math and kernels/map: the common subset of OpenCL C 1.2, CUDA C++ and C++20. The same source
+// is compiled by three compilers. A value is a `vreal`, which has UBS_VW lanes in OpenCL and one lane otherwise. The
+// rules of the dialect are:
+// - Do not use references, templates, overloads, pointers or recursion; pass structs by value.
+// - Do not branch on a `vreal`: select with `mask ? a : b`, and combine masks with & | !. In OpenCL both sides of ?:
+//   must be vreal, so write literals as V(0.5) and scalars as R(0.5).
+// - If a comparison must be false for NaN, write it such that NaN gives the safe answer.
 #pragma once
 
 #if defined(__OPENCL_C_VERSION__) || defined(__OPENCL_VERSION__)
@@ -44,12 +45,13 @@ typedef float4 real4;
 
 #ifdef UBS_OPENCL
 #ifdef UBS_POCL
-// Without AVX-512 sixteen lanes are passed in two registers. That matters to libraries alone, but PoCL counts the
-// warnings in the user's terminal. Not for all compilers that call themselves clang: NVIDIA's does not know this
-// option, and warns about that.
+// Without AVX-512, sixteen lanes are passed in two registers, and clang warns that this depends on the ABI. The warning
+// only matters for libraries, but PoCL prints the number of warnings in the user's terminal. Other compilers that claim
+// to be clang must not see this pragma: NVIDIA's does not know the option and warns about it.
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
-// Also what is called from two places: a call passes structs of a hundred values through memory.
+// Functions are always inlined, even those with two callers, because a call passes structs of a hundred values through
+// memory.
 #define UBS_FN static inline __attribute__((always_inline))
 #if defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #error "double precision is compiled one lane wide"
@@ -58,8 +60,8 @@ typedef float4 real4;
 typedef real vreal;
 typedef int vmask;
 typedef uint vuint;
-#define UBS_TO_VREAL(x) ((real)(x))  // conversions lane by lane
-#define UBS_TO_VUINT(x) ((uint)(x))  // a float must be in the range of uint
+#define UBS_TO_VREAL(x) ((real)(x))  // conversion of each lane
+#define UBS_TO_VUINT(x) ((uint)(x))  // a float argument must be in the range of uint
 #define UBS_FLOAT_BITS(x) as_uint((float)(x))
 #else
 typedef UBS_PASTE(float, UBS_VW) vreal;
@@ -69,11 +71,12 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 #define UBS_TO_VUINT UBS_PASTE(convert_uint, UBS_VW)
 #define UBS_FLOAT_BITS UBS_PASTE(as_uint, UBS_VW)
 #endif
-#define ubs_real_exp(x) exp(x)  // of one number, on any number of lanes
+#define ubs_real_exp(x) exp(x)  // of one scalar, for any UBS_VW
 #define ubs_sqrt(x) sqrt(x)
 #define ubs_fma(a, b, c) fma(a, b, c)
 #define ubs_fabs(x) fabs(x)
-#if defined(UBS_POCL) && __has_builtin(__builtin_elementwise_floor)  // PoCL's are a dozen instructions in its place
+// PoCL's own floor and ceil take a dozen instructions each.
+#if defined(UBS_POCL) && __has_builtin(__builtin_elementwise_floor)
 #define ubs_floor(x) __builtin_elementwise_floor(x)
 #define ubs_ceil(x) __builtin_elementwise_ceil(x)
 #else
@@ -117,16 +120,16 @@ typedef unsigned int vuint;
 
 #define V(x) ((vreal)(R(x)))
 
-// Before every loop of constant length over small arrays: unrolled, the arrays become registers. Without
-// it they stay in memory with their loops, which costs PoCL a factor of 3 in project_backward.
+// Goes before every loop of constant length over small arrays. When the loop is unrolled, the arrays become registers;
+// otherwise they stay in memory, which makes PoCL's project_backward 3 times slower.
 #ifdef UBS_HOST
 #define UBS_UNROLL
 #else
 #define UBS_UNROLL _Pragma("unroll")
 #endif
 
-// Whether a vmask is set in any lane; ubs_any_lane for where it is asked often: PoCL's any() takes lanes one by one
-// (2.5x slower rasteriser).
+// ubs_any() returns whether a vmask is set in any lane. ubs_any_lane() does the same and is for inner loops: PoCL's
+// any() tests the lanes one by one, which makes the rasteriser 2.5x slower.
 #if defined(UBS_OPENCL) && UBS_VW > 1
 #define ubs_any(mask) any(mask)
 #ifdef UBS_POCL
@@ -139,7 +142,7 @@ typedef unsigned int vuint;
 #define ubs_any_lane(mask) (mask)
 #endif
 
-// Comparisons instead of fmin/fmax: a NaN in the first argument stays a NaN in both.
+// Comparisons are used instead of fmin/fmax, so that a NaN in the first argument stays NaN in both.
 #define ubs_min(a, b) ((a) > (b) ? (b) : (a))
 #define ubs_max(a, b) ((a) < (b) ? (b) : (a))
 

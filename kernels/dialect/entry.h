@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Words for the entry points of map kernels: one work-item handles UBS_VW consecutive elements.
+// Macros for the entry points of map kernels. One work-item processes UBS_VW consecutive elements.
 #pragma once
 
 #ifdef UBS_OPENCL
@@ -10,7 +10,7 @@
 #define ubs_count(pointer) atomic_inc(pointer)
 #define ubs_mul_hi64(a, b) mul_hi(a, b)
 #else
-#ifndef UBS_KERNEL  // compiled at run time: extern "C", to be found by name
+#ifndef UBS_KERNEL  // kernels compiled at run time are extern "C", so that they are found by name
 #define UBS_KERNEL static __global__
 #endif
 #define UBS_GLOBAL
@@ -25,13 +25,17 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define ubs_mul_hi64(a, b) __umul64hi(a, b)
 #endif
 
-#ifndef UBS_DEPTH  // the rasterisers also write expected depth
+#ifndef UBS_DEPTH  // 1: the rasterisers also write the expected depth
 #define UBS_DEPTH 0
 #endif
 
-// Where a core does not choose its groups (opencl/core_groups.h): the kernel's last parameters, of which
-// there are none, its group in a launch along one dimension, its first work-item, and what stands before the block
-// that all its items go through from the first on: nothing for one item.
+// The macros UBS_CORE_* allow the same kernel to run with or without core groups (opencl/core_groups.h), in which each
+// CPU core takes its work-groups itself. These are the definitions without core groups:
+// - UBS_CORE_PARAMETERS: additional kernel parameters; none
+// - UBS_CORE_GROUP: index of the work-group in a one-dimensional launch
+// - UBS_CORE_FIRST_ITEM: index of the first item that the work-item processes
+// - UBS_CORE_ITEMS(item): loop over its items, in front of the block that processes one; no loop, because there is one
+//   item
 #ifndef UBS_CORES
 #define UBS_CORE_PARAMETERS
 #define UBS_CORE_GROUP ubs_group_id()
@@ -39,8 +43,9 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_CORE_ITEMS(item)
 #endif
 
-// First in a large function that a kernel calls. PoCL compiles three copies of each kernel, with all that it calls
-// written out in each; what holds a computed jump it has to call. Compiling takes a third of the time.
+// UBS_APART stands at the start of a large function that a kernel calls, and keeps the function from being inlined.
+// PoCL compiles three copies of each kernel and inlines all called functions in each of them. It cannot inline a
+// function that contains a computed jump, so there is only one copy of it, and compilation takes a third of the time.
 #ifdef UBS_POCL
 #define UBS_APART                               \
   {                                             \
@@ -53,9 +58,10 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_APART
 #endif
 
-// Asks for a cache line ahead of its use, on CPUs: what is gathered, and more rows of parameters than the
-// hardware follows by itself. OpenCL's own prefetch() does nothing on PoCL. FAR: into the second cache, which waits
-// for more lines at a time than the first: where a hundred rows are walked along at once.
+// Prefetches a cache line, on CPUs. Used for gathered values, and for parameters if there are more rows than the
+// hardware prefetcher can follow. OpenCL's own prefetch() has no effect on PoCL. The variant FAR loads into the
+// second-level cache, which can wait for more lines at a time than the first. It is for loops that read from a hundred
+// rows at once.
 #ifdef UBS_POCL
 #define UBS_PREFETCH(pointer) __builtin_prefetch((const void*)(size_t)(pointer))
 #define UBS_PREFETCH_FAR(pointer) __builtin_prefetch((const void*)(size_t)(pointer), 0, 2)
@@ -66,7 +72,7 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_PREFETCH_WRITE(pointer)
 #endif
 
-// first, first + 1, ... by lane.
+// Returns first, first + 1, ... in the lanes.
 UBS_FN vuint ubs_lane_indices(uint first) {
 #if defined(UBS_OPENCL) && UBS_VW == 16
   return first + (vuint)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
@@ -84,7 +90,7 @@ UBS_FN vuint ubs_lane_indices(uint first) {
 #define UBS_STORE(value, pointer) (*(pointer) = (value))
 #else
 #define UBS_LOAD(pointer) UBS_PASTE(vload, UBS_VW)(0, pointer)
-#if UBS_VW == 16  // by name: PoCL's `vstore` is a macro itself
+#if UBS_VW == 16  // by name, because PoCL defines `vstore` as a macro
 #define UBS_STORE(value, pointer) vstore16(value, 0, pointer)
 #elif UBS_VW == 8
 #define UBS_STORE(value, pointer) vstore8(value, 0, pointer)

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient slots as arguments of a kernel: one buffer, or, with UBS_SLOT_PIECES, where one allocation of the device
-// does not hold them, up to eight of 2^slot_bits slots each. A slot lies in one piece as a whole. For kernels and
-// functions that have UBS_SLOTS among their parameters; they hand them on as UBS_SLOT_ARGUMENTS.
-// CUDA has one buffer.
+// The gradient slots as parameters of a kernel. Normally they are one buffer. With UBS_SLOT_PIECES, which is used if
+// they do not fit into a single allocation of the device, they are up to eight buffers of 2^slot_bits slots each. No
+// slot is split between two buffers. Kernels and functions declare the parameters with UBS_SLOTS and pass them on with
+// UBS_SLOT_ARGUMENTS. CUDA always has one buffer.
 #pragma once
 
 #ifndef UBS_OPENCL

@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Values of other lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS says by what (host/opencl/exchange.hpp):
-// 0 there is nothing, 1 cl_khr_subgroup_shuffle, 2 NVIDIA's shfl (always so in CUDA), 3 DPP and ds_swizzle of AMD.
-//   ubs_item()             number of the work-item in its group, by which each 16 neighbours are lanes of one wave
-//   lane_xor8(x) ... 1(x)  x of the lane that differs in this bit of the number, for lanes that take the same way
-//   any_of_wave(condition) whether to go on: where all lanes of a wave must take part in an exchange, whether any will
-//   UBS_BALLOT             1: each 32 neighbours by their local id are a wave, and ballot(condition) has a bit of each
-// Without UBS_BALLOT nothing is known of the size of waves but that it is a multiple of 16.
+// Exchange of values between the lanes of a block of 16 work-items, without memory. UBS_SUBGROUPS selects the mechanism
+// (host/opencl/exchange.hpp): 0: none; 1: cl_khr_subgroup_shuffle; 2: NVIDIA's shfl (always used in CUDA); 3: DPP and
+// ds_swizzle of AMD. The functions and macros are:
+// - ubs_item(): returns the number of the work-item in its group, in an order in which 16 consecutive work-items are
+//   lanes of the same wave.
+// - lane_xor8(x), ..., lane_xor1(x): return the x of the lane whose number differs in bit 8, 4, 2 or 1. Both lanes must
+//   take the same branch.
+// - any_of_wave(condition): returns whether a loop with exchanges must continue. If all lanes of a wave must take part
+//   in an exchange, this is true if the condition holds in any of them; otherwise it is the lane's own condition.
+// - UBS_BALLOT: 1 if waves consist of 32 work-items with consecutive local ids. Then ballot(condition) returns a word
+//   with one bit for each of them.
+// Without UBS_BALLOT the size of waves is unknown, except that it is a multiple of 16.
 #ifndef UBS_OPENCL
 #define UBS_SUBGROUPS 2
 #endif
@@ -26,10 +31,10 @@
 #ifdef cl_khr_subgroups
 #pragma OPENCL EXTENSION cl_khr_subgroups : enable
 #endif
-#ifdef cl_intel_required_subgroup_size  // else a compiler may choose 8
+#ifdef cl_intel_required_subgroup_size  // otherwise a compiler may choose 8
 #define UBS_WAVES __attribute__((intel_reqd_sub_group_size(16)))
 #endif
-// Which work-items a sub-group has is the driver's choice.
+// The driver decides which work-items belong to a sub-group.
 UBS_FN int ubs_item(void) {
   return (int)(get_sub_group_id() * get_max_sub_group_size() + get_sub_group_local_id());
 }
@@ -67,8 +72,8 @@ UBS_FN uint ballot(int condition) {
 }
 
 #elif UBS_SUBGROUPS == 3
-// Within rows of 16 lanes: a rotation by 8 and permutations of four. What is 4 apart has an instruction on newer
-// cards only; there the crossbar of local memory does it.
+// The exchanges stay within rows of 16 lanes: a rotation by 8, and permutations within groups of four. Only newer GPUs
+// have an instruction for lanes at a distance of 4; therefore that exchange uses the crossbar of local memory.
 #define UBS_AMD_DPP(x, control) as_float(__builtin_amdgcn_mov_dpp(as_int(x), control, 0xf, 0xf, true))
 #define lane_xor8(x) UBS_AMD_DPP(x, 0x128)
 #define lane_xor4(x) as_float(__builtin_amdgcn_ds_swizzle(as_int(x), 0x101f))
@@ -83,7 +88,7 @@ UBS_FN int ubs_item(void) { return ubs_local_id(); }
 #ifndef UBS_WAVES
 #define UBS_WAVES
 #endif
-#ifndef UBS_EXCHANGE_LOCALS  // of tests, whose lanes exchange in local memory
+#ifndef UBS_EXCHANGE_LOCALS  // defined by tests, whose lanes exchange values in local memory
 #define UBS_EXCHANGE_LOCALS
 #define UBS_EXCHANGE_PARAMETER
 #define UBS_EXCHANGE_ARGUMENT

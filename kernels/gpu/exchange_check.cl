@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lane exchange as raster_backward.cl uses it, on values whose sums the host knows (host/opencl/exchange.cpp). One
-// group. Blocks make different numbers of visits, as they do with splats. A card whose exchange builds but gives wrong
-// values sums through local memory.
+// Checks the lane exchange in the way in which raster_backward.cl uses it, with values whose sums the host knows
+// (host/opencl/exchange.cpp). One work-group is launched. The blocks make different numbers of visits, as in the
+// rasteriser. If an exchange compiles on a GPU but gives wrong values, the rasteriser sums through local memory
+// instead.
 
 #if UBS_BALLOT
-// Whether a ballot of the wave has the bits of the right work-items.
+// Returns whether a ballot of the wave contains the bits of the right work-items.
 UBS_FN int ballot_is_right(int item) {
   uint lanes = ballot(item % 5 == 0), expected = 0;
   for (int lane = 0; lane < 32; ++lane) expected |= (uint)((item / 32 * 32 + lane) % 5 == 0) << lane;
@@ -17,8 +18,8 @@ UBS_FN int ballot_is_right(int item) {
 }
 #endif
 
-// sums: (visit, block, value) of kBlocks visits, of which block b makes those below kBlocks - b; the others are left alone,
-// and all of them where a ballot is wrong.
+// sums: (visit, block, value), for kBlocks visits. Block b makes the visits below kBlocks - b; the sums of the other
+// visits are not written. If a ballot is wrong, no sums are written.
 UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void exchange_check(UBS_GLOBAL float* sums) {
   UBS_EXCHANGE_LOCALS
   int item = ubs_item(), block = item / kLanes, lane = item % kLanes, holds = sum_of_lane(lane);

@@ -1,24 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// GPUs draw the list of a tile in parts of kListPart entries, a group each, where it has more than kLongList of them, so
-// that a long list does not keep one group busy while the others have nothing left. What is behind a part does not
-// depend on where its pixels are finished, so there are three passes: the transmittance of each part, the colours of all
-// parts, each from the product of the transmittances in front of it, and their sum.
+// Parts of long lists. On GPUs a tile's list with more than kLongList entries is rendered in parts of kListPart
+// entries, with one work-group per part, so that a long list does not keep one work-group busy while the others are
+// idle. The contribution of a part depends on the parts in front of it only through their transmittance. Therefore
+// there are three passes: the first computes the transmittance of each part; the second computes the colours of all
+// parts, each starting with the product of the transmittances in front of it; the third adds them.
 //
-// Part k of the list that begins at entry `first` has the place first / (kListPart / 2) + k. Lists of kLongList entries or
-// more have at most as many parts as places.
+// Part k of a list that starts at entry `first` has the place first / (kListPart / 2) + k. A list with kLongList
+// entries or more has at most as many parts as places.
 #pragma once
 
-enum { kPartPlanes = UBS_DEPTH ? 7 : 5 };  // of kTileSide^2 floats
+enum { kPartPlanes = UBS_DEPTH ? 7 : 5 };  // planes of kTileSide^2 floats per part
 
 typedef struct {
   int tile;
   uint list;           // first entry of the tile's list
-  uint number, count;  // of the parts of the list, 1 where it is not long; number >= count: there is none
+  uint number, count;  // index of the part; number of parts, 1 for a short list; number >= count: no such part
   uint first, last;    // entries
   uint place;
 } ListPart;
 
-// divides: whether lists are divided at all.
+// divides: whether long lists are divided at all.
 UBS_FN ListPart part_of_list(UBS_GLOBAL const uint* tile_ranges, int tile, uint number, int divides) {
   ListPart p;
   p.tile = tile;
@@ -32,7 +33,7 @@ UBS_FN ListPart part_of_list(UBS_GLOBAL const uint* tile_ranges, int tile, uint 
   return p;
 }
 
-// The part at a place, by bisection; number >= count where there is none.
+// Finds the part with this place by bisection. If there is none, the result has number >= count.
 UBS_FN ListPart list_part(UBS_GLOBAL const uint* tile_ranges, int tiles, uint place) {
   int low = 0, high = tiles;
   while (high - low > 1) {

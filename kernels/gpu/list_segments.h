@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// GPUs go backward through the list of a tile in segments of kListSegment entries, a group each, so that a long list
-// does not keep one group busy while the others have nothing left. The forward rasteriser leaves the state of the tile's
-// pixels in front of each segment but the first: float4 (open transmittance, colour composited so far), kTileSide^2 a
-// segment.
+// Segments of lists. On GPUs the backward rasteriser processes the list of a tile in segments of kListSegment entries,
+// with one work-group per segment, so that a long list does not keep one work-group busy while the others are idle. The
+// forward rasteriser stores the state of the tile's pixels in front of each segment except the first. A state is a
+// float4 (open transmittance, colour composited so far), and there are kTileSide^2 of them per segment.
 //
-// Segment k of the list that begins at entry `first` has the number first / kListSegment + tile + k, and its states have
-// first / kListSegment + k - 1. So no two segments share a number, though some numbers have no segment.
+// Segment k of a list that starts at entry `first` has the number first / kListSegment + tile + k. Its states have the
+// number first / kListSegment + k - 1. So no two segments have the same number, although some numbers have no segment.
 #pragma once
 
 typedef struct {
   int tile;
-  uint number;       // in its tile: 0 where there are no states
-  uint first, last;  // entries; first = last: none
-  uint states;       // number of its states, where `number` > 0
+  uint number;       // within its tile; segment 0 has no states
+  uint first, last;  // entries of the list; first = last: no entries
+  uint states;       // number of its states, if `number` > 0
 } ListSegment;
 
 UBS_FN uint list_states(uint list_first, uint number) { return list_first / kListSegment + number - 1; }

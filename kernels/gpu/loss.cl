@@ -1,20 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h). A work-group takes one
-// tile of one channel: the window sums are separable, columns first into local memory, then rows.
-// CPU: one work-item of UBS_VW lanes a group; GPU (UBS_VW = 1): LOSS_GROUP work-items share the loops. OpenCL and CUDA.
+// L1 + SSIM loss of an image and its gradient (formulas: kernels/math/loss.h), for OpenCL and CUDA. One work-group
+// processes one tile of one channel. The window sums are separable: they are computed along columns into local memory
+// first, then along rows. On CPUs a work-group is one work-item with UBS_VW lanes; on GPUs (UBS_VW = 1) LOSS_GROUP
+// work-items share the loops.
 //
-// loss_window      image, target -> sums of the tile; where a gradient is wanted also the three maps
-//                  of ssim_point, one channel plane each, padded with zeros by the window's radius
-// loss_gradient    maps, image, target -> v_image
-// loss_total       sums of the tiles -> the eight numbers of the stage
+//   loss_window      image, target -> sums of the tile; if a gradient is requested, also the three maps of
+//                    ssim_point(), with one plane per channel, padded with zeros by the radius of the window
+//   loss_gradient    maps, image, target -> v_image
+//   loss_total       sums of the tiles -> the eight numbers of the stage
 //
-// With UBS_LOSS_MASK pixels whose mask is 0 are what lies outside of the image: zero for the windows of their
-// neighbours, no window of their own, no gradient.
+// With UBS_LOSS_MASK, pixels whose mask is 0 are treated as if they were outside the image: they are zero in the
+// windows of their neighbours, and have no window and no gradient of their own.
 //
 // The tile is as wide as local memory allows.
 
-// Tuned constants (host/opencl/opencl_tuning.cpp); the host passes those that it launches with. Widths are multiples
-// of 16, strips divide LOSS_TILE_Y.
+// Tuned constants (host/opencl/opencl_tuning.cpp). The host passes those constants that its launches depend on. Widths
+// are multiples of 16, and the strip divides LOSS_TILE_Y.
 #ifndef UBS_LOSS_TILE
 #define UBS_LOSS_TILE 112
 #endif
@@ -35,24 +36,25 @@
 #define LOSS_GROUP 1
 #endif
 #define LOSS_TILE_Y 16
-// Rows that are summed by columns before they are summed along. A work-item on its own goes strip by strip,
-// so that what lies between the two stays in the first-level cache.
+// Number of rows that are summed along columns before they are summed along rows. A single work-item proceeds strip by
+// strip, so that the intermediate sums stay in the first-level cache.
 #if LOSS_GROUP == 1
 #define LOSS_PART LOSS_STRIP
 #define LOSS_BARRIER
 #define LOSS_TEAM 1
 #else
-#define LOSS_TEAM 16  // work-items that add what those of a group have summed
+#define LOSS_TEAM 16  // work-items that add the sums of all work-items of a group
 #define LOSS_PART LOSS_TILE_Y
 #define LOSS_BARRIER UBS_BARRIER();
 #endif
 #define LOSS_STRIP \
-  UBS_LOSS_STRIP  // rows that one work-item sums at once in the column pass, from STRIP + 10 rows
-// Columns of a tile with the window's halo, in whole vectors.
+  UBS_LOSS_STRIP  // number of rows that one work-item sums at once along columns, reading STRIP + 10 rows
+// Columns of a tile including the halo of the window, rounded up to whole vectors.
 #define LOSS_COLUMNS ((LOSS_TILE_X + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW * UBS_VW)
 #define LOSS_ROWS (LOSS_TILE_Y + 2 * kSsimRadius)
-// Zero columns left of a map's plane (host: kMapMargin): windows, which are loaded three times as often as
-// pixels are stored, begin at whole vectors. At its right there are at least as many as a window reaches.
+// Zero columns to the left of a map's plane. They align windows to whole vectors, because windows are loaded three
+// times as often as pixels are stored. The host adds kMapMargin zero columns to each row; those that are not on the
+// left are on the right, where they are at least as many as a window reaches.
 #define LOSS_MAP_MARGIN (16 + kSsimRadius)
 #define LOSS_SHARES 64
 #define LOSS_TOTAL_GROUP (LOSS_GROUP == 1 ? LOSS_SHARES : 3 * LOSS_SHARES)
@@ -63,7 +65,7 @@ typedef struct {
   int width, height, pitch, rows, channel;
 } LossShape;
 
-// The target is 8 bit where `bytes` is given, else float; its planes are not padded.
+// The target is 8 bit if `bytes` is not null, else float. Its planes are not padded.
 typedef struct {
   UBS_GLOBAL const float* image;
   UBS_GLOBAL const uchar* bytes;
@@ -109,7 +111,8 @@ UBS_FN LossPair make_pair(vreal image, vreal target, LossPixels p, real shift) {
 }
 
 #if UBS_VW > 1
-// What `pixels`, of columns from - by .. on, has from column `from` on, with zeros beside it.
+// Returns `pixels` shifted by `by` columns: lane i of the result is lane i + by of `pixels`, or zero if there is no
+// such lane.
 UBS_FN vreal shifted(vreal pixels, int by) {
   real lanes[3 * UBS_VW];
   UBS_STORE(V(0.0), lanes);
@@ -122,7 +125,7 @@ typedef struct {
   vreal seen, target;
 } LossLanes;
 
-// UBS_VW pixels from (x, y) on, all in the image; what does not count is zero.
+// Loads UBS_VW pixels from (x, y) on, which are all inside the image. Masked pixels are zero.
 UBS_FN LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
   size_t i = (size_t)y * s.width + x;
   LossLanes lanes;
@@ -138,13 +141,13 @@ UBS_FN LossLanes load_inside(LossPixels p, LossShape s, int x, int y) {
 }
 #endif
 
-// UBS_VW pixels from (x, y) on; what does not count is zero.
+// Loads UBS_VW pixels from (x, y) on. Masked pixels and those outside the image are zero.
 UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   bool row = y >= 0 && y < s.height;
 #if UBS_VW > 1
   if (!row) return make_pair(V(0.0), V(0.0), p, shift);
-  // At a side of the image the nearest vector in it is loaded: lane by lane took a quarter of the time of 200
-  // x 200.
+  // At the sides of the image, load the nearest vector inside it and shift it. Loading lane by lane took a quarter of
+  // the total time for an image of 200 x 200.
   if (s.width >= UBS_VW) {
     int inside = clamp(x, 0, s.width - UBS_VW), by = clamp(x - inside, -UBS_VW, UBS_VW);
     LossLanes lanes = load_inside(p, s, inside, y);
@@ -164,7 +167,7 @@ UBS_FN LossPair load_pair(LossPixels p, LossShape s, int x, int y, real shift) {
   return make_pair(UBS_LOAD(image), UBS_LOAD(target), p, shift);
 }
 
-// All bits set for lanes whose pixel has a window of its own.
+// Returns a mask whose bits are set in the lanes whose pixel has a window of its own.
 UBS_FN vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
   vmask inside = ubs_lane_indices((uint)x) < (vuint)((uint)(y < s.height ? s.width : 0));
 #ifdef UBS_LOSS_MASK
@@ -177,7 +180,7 @@ UBS_FN vmask pixels_count(LossPixels p, LossShape s, int x, int y) {
 #endif
 }
 
-// Sum of the lanes in a fixed order.
+// Returns the sum of the lanes, added in a fixed order.
 UBS_FN real sum_lanes(vreal value) {
   real lanes[UBS_VW];
   UBS_STORE(value, lanes);
@@ -186,11 +189,11 @@ UBS_FN real sum_lanes(vreal value) {
   return lanes[0];
 }
 
-// Vectors that cover `columns` pixels with the window's halo on both sides.
+// Returns the number of vectors that cover `columns` pixels and the halo of the window on both sides.
 UBS_FN int halo_vectors(int columns) { return (columns + 2 * kSsimRadius + UBS_VW - 1) / UBS_VW; }
 
-// Columns of a tile that are gone through. Groups take all of them, which spares them divisions by a variable; what lies
-// beyond the pitch they skip.
+// Returns the number of columns of a tile that the loops visit. On GPUs this is the full width, which avoids divisions
+// by a variable; the loops skip columns beyond the pitch.
 UBS_FN int tile_columns(int x0, int pitch) {
   return LOSS_GROUP > 1 ? LOSS_TILE_X : ubs_min(LOSS_TILE_X, pitch - x0);
 }
@@ -198,7 +201,8 @@ UBS_FN int tile_columns(int x0, int pitch) {
 // ---- Window sums and the point formula ----
 
 #if UBS_VW > 1
-// A row of a tile from column `left` on: what the image has, from `begin` to `end`, at its place among zeros.
+// Loads a row of a tile that starts at column `left`. Columns `begin` to `end` come from the image; the others are
+// zero.
 UBS_FN void load_row(LossPixels p, LossShape s, int left, int begin, int end, int y, int vectors,
                             real shift, UBS_LOCAL real* u, UBS_LOCAL real* v) {
   LossPair nothing = make_pair(V(0.0), V(0.0), p, shift);
@@ -241,8 +245,8 @@ UBS_FN void load_tile(LossPixels p, LossShape s, int x0, int y0, int vectors, re
   }
 }
 
-// Of LOSS_PART rows, u and v from the first row of their windows on. means: four planes of LOSS_PART x
-// LOSS_COLUMNS.
+// Sums LOSS_PART rows along columns. u and v start at the first row of the first window. means: four planes of
+// LOSS_PART x LOSS_COLUMNS.
 UBS_FN void sum_columns(UBS_LOCAL const real* u, UBS_LOCAL const real* v, int vectors,
                                UBS_LOCAL real* means) {
   for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -276,11 +280,11 @@ UBS_UNROLL
   }
 }
 
-// The window from each of UBS_VW columns on of a row of sums.
+// Returns the sums of the windows that start at UBS_VW consecutive columns of a row of sums.
 UBS_FN vreal sum_window(UBS_LOCAL const real* row) {
   vreal sum = V(0.0);
 #if UBS_VW == 16 && defined(UBS_POCL)
-  // Two loads of whole cache lines and shifts between them: eleven loads would cross a line in ten cases.
+  // Two loads of whole cache lines, and shifts between them. Of eleven unaligned loads, ten would cross a cache line.
   const vreal a = UBS_LOAD(row), b = UBS_LOAD(row + 16);
 #define LOSS_TAP(k)                                                                                         \
   sum += (vreal)(kWindow[k]) * __builtin_shufflevector(a, b, k, k + 1, k + 2, k + 3, k + 4, k + 5, k + 6,   \
@@ -305,7 +309,7 @@ UBS_UNROLL
   return sum;
 }
 
-// means: of the first column of the windows.
+// means: the first column of the first window.
 UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
   SsimMeans m;
   m.u = sum_window(means);
@@ -315,8 +319,8 @@ UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
   return m;
 }
 
-// Target in the middle of the tile: near the pixels' value wherever they vary little, and only there
-// does the choice matter (see SsimMeans). What does not count must not choose.
+// Returns the shift of a tile: the target in its middle, which is close to the pixels' values if they vary little. Only
+// then does the shift matter (see SsimMeans). A masked pixel is not used.
 UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = ubs_min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = ubs_min(y0 + LOSS_TILE_Y / 2, s.height - 1);
@@ -324,8 +328,8 @@ UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   return target_at(p, s, x, y);
 }
 
-// The tile of a group. Cards have a grid of groups (across, down, channels). On CPUs those of a row of pixels come first,
-// of all channels, so that a core that takes a part of the groups takes rows of the image.
+// The tile of a work-group. GPUs have a grid of work-groups (across, down, channels). On CPUs the groups are ordered by
+// row of tiles, then by channel, so that a core with consecutive groups processes consecutive rows of the image.
 typedef struct {
   int x, y, across, plane;
 } LossTile;
@@ -348,7 +352,7 @@ UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
 }
 #endif
 
-#define LOSS_TILE_SUMS 4  // of which the first kLossQuantities are used
+#define LOSS_TILE_SUMS 4  // the first kLossQuantities of them are used
 
 // tile_sums: LOSS_TILE_SUMS numbers of each tile of each channel. map_pitch and map_plane are 0 without gradient.
 UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
@@ -398,7 +402,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
   LOSS_BARRIER
   size_t index = ((size_t)s.channel * (rows / LOSS_TILE_Y) + tile.y) * tile.across + tile.x;
 #if LOSS_GROUP > 1
-  // One work-item would be at it for as long as all of them need for the tile.
+  // One work-item alone would take as long for these sums as all work-items together take for the rest of the tile.
   for (int i = me; i < kLossQuantities * LOSS_TEAM; i += LOSS_GROUP) {
     UBS_LOCAL real* of_quantity = shares + i / LOSS_TEAM * LOSS_GROUP + i % LOSS_TEAM;
     real sum = R(0.0);
@@ -416,8 +420,8 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_window(
 
 // ---- Gradient ----
 
-// Of LOSS_PART rows. sums: three planes of LOSS_PART x LOSS_COLUMNS. The maps' zero margins stand for the
-// padding.
+// Sums LOSS_PART rows along columns. sums: three planes of LOSS_PART x LOSS_COLUMNS. The zero margins of the maps
+// provide the padding.
 UBS_FN void sum_map_columns(UBS_GLOBAL const float* maps, int map_pitch, int map_plane, int x0, int y0, int pitch,
                             int vectors, UBS_LOCAL real* sums) {
   for (int item = ubs_local_id(); item < LOSS_PART / LOSS_STRIP * vectors; item += LOSS_GROUP) {
@@ -488,7 +492,7 @@ UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_gradient(
 // ---- Total ----
 
 typedef struct {
-  real sum, lost;  // lost: what rounding has taken from the sum so far (Kahan)
+  real sum, lost;  // lost: rounding error of the sum so far (Kahan)
 } LossSum;
 
 UBS_FN LossSum add_share(LossSum s, real share) {
@@ -499,8 +503,8 @@ UBS_FN LossSum add_share(LossSum s, real share) {
   return s;
 }
 
-// One work-group. A channel has 64 shares: share i is the sum of the tiles i, i + 64, ... Then one work-item adds the
-// shares of a quantity.
+// Adds the sums of all tiles, in one work-group. Each channel has 64 shares; share i is the sum of the tiles i, i + 64,
+// i + 128, and so on. Afterwards, for each quantity, one work-item adds the shares.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
   UBS_SHARED real shares[3 * kLossQuantities * (LOSS_SHARES + 1)], means[3 * kLossQuantities];  // of channels
@@ -511,7 +515,8 @@ UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     LossSum sum[kLossQuantities];
     UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sum[q].sum = sum[q].lost = R(0.0);
     UBS_GLOBAL const float4* of_channel = (UBS_GLOBAL const float4*)tile_sums + (size_t)channel * tiles;
-    _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {  // so that four are on the way
+    // Unrolled, so that four loads are in flight at the same time.
+    _Pragma("unroll 4") for (int tile = share; tile < tiles; tile += LOSS_SHARES) {
       float4 tile_sum = of_channel[tile];
       real of_tile[LOSS_TILE_SUMS] = {tile_sum.x, tile_sum.y, tile_sum.z, tile_sum.w};
       UBS_UNROLL for (int q = 0; q < kLossQuantities; ++q) sum[q] = add_share(sum[q], of_tile[q]);

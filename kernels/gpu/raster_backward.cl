@@ -1,41 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward rasteriser for GPUs: one group takes one segment of a tile's list (list_segments.h), front to back as in
-// forward (math/blend.h). Splats that no pixel of the tile composites (mask 0) are left out. The ten sums of a splat are
-// taken in a fixed order: over the 16 pixels of a block, then over the blocks. Each pair of tile and splat is written
-// once, to its own slot. No float atomics: the same inputs give the same bits.
+// Backward rasteriser for GPUs. One work-group processes one segment of a tile's list (list_segments.h), front to back
+// as in the forward pass (math/blend.h). Splats that no pixel of the tile composites (mask 0) are skipped. The ten sums
+// of a splat are added in a fixed order: first over the 16 pixels of a block, then over the blocks. Each pair of tile
+// and splat is written once, to its own slot. There are no float atomics, so the same inputs give bit-identical
+// results.
 
-// Splats of a batch. Fewer than work-items, to stay below 32 KiB of local memory.
+// Splats per batch. Fewer than work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif
-// Splats whose sums by block are in local memory at a time: 16 or 32. Fewer leave room for more groups, and make more
-// groups wait for their slowest block.
+// Splats per turn, 16 or 32. The splats of a batch are processed in several turns, because each splat has a separate
+// sum for each block of the tile, and local memory only has space for the sums of one turn. With fewer splats per turn
+// more work-groups fit on a compute unit, but work-groups wait more often for their slowest block.
 #ifndef UBS_BACKWARD_TURN
 #define UBS_BACKWARD_TURN 32
 #endif
 
 enum {
   kBackwardWords = UBS_BACKWARD_BATCH / 32,
-  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange there is room for no more
-  kSums = 10,                                      // of blend_vjp
-  kPlaces = kBlocks + 1,  // of a splat's sums by block: one more than there are blocks, against bank conflicts
+  kTurn = UBS_SUBGROUPS ? UBS_BACKWARD_TURN : 16,  // without exchange between lanes, local memory has no room for more
+  kSums = 10,                                      // number of sums in blend_vjp()
+  kPlaces = kBlocks + 1,  // stride from splat to splat in the sums: kBlocks + 1, to avoid bank conflicts
   kParts = kTurn * kPlaces,
 };
 
 typedef struct {
   float4 places[UBS_BACKWARD_BATCH], shapes[UBS_BACKWARD_BATCH];
-  float4 sums[kSums * kParts / 4];  // see sum_place
+  float4 sums[kSums * kParts / 4];  // see sum_place()
   uint blocks[UBS_BACKWARD_BATCH], slots[UBS_BACKWARD_BATCH];
   float2 colours[UBS_BACKWARD_BATCH];
   uint hits[kBlocks * kBackwardWords], kept[kBackwardWords];
 #if !UBS_SUBGROUPS
   float values[kSums * kBlocks * (kLanes + 1)];
-  int places_now[kBlocks];  // of the splats that blocks visit, -1 for none
+  int places_now[kBlocks];  // place of the sum that each block computes now, or -1
 #endif
 } BackwardShared;
 
-// Sums over the pixels of the splats of a turn, by block: first all words of sums 0 to 3, then those of 4 to 7, then those
-// of 8 and 9, which have two floats. A sum is float number first + place * step.
+// Where one of the ten sums is stored in BackwardShared::sums, for all splats of the turn and all blocks. Sums 0 to 3
+// are stored first, in words of four floats, then sums 4 to 7, then sums 8 and 9 in words of two floats. The sum for a
+// splat and a block is float number first + place * step, where place is splat * kPlaces + block.
 typedef struct {
   int first, step;
 } SumPlace;
@@ -46,10 +49,11 @@ UBS_FN SumPlace sum_place(int value) {
   return p;
 }
 
-// Both ways to sum ten values over the 16 lanes of a block take the same tree: lanes 8, then 4, 2 and 1 apart.
+// Both ways to sum ten values over the 16 lanes of a block use the same tree: they add lanes at a distance of 8, then
+// 4, 2 and 1.
 #if UBS_SUBGROUPS
-// At each step a lane hands over the half of its values that its partner keeps, so that 11 exchanges do instead of 40.
-// Lane l ends with the sum of value sum_of_lane(l).
+// In each step a lane passes on the half of its values that its partner lane keeps, so that 11 exchanges are enough
+// instead of 40. At the end, lane l has the sum with the number sum_of_lane(l).
 #define UBS_EXCHANGE(low, high, distance) \
   (((lane & distance) != 0 ? high : low) + lane_xor##distance((lane & distance) != 0 ? low : high))
 UBS_FN float sum_over_block(const float* v, int lane UBS_EXCHANGE_PARAMETER) {
@@ -59,14 +63,14 @@ UBS_FN float sum_over_block(const float* v, int lane UBS_EXCHANGE_PARAMETER) {
   float c0 = UBS_EXCHANGE(b0, b2, 2), c1 = UBS_EXCHANGE(b1, 0.0f, 2);
   return UBS_EXCHANGE(c0, c1, 1);
 }
-// -1: none.
+// Returns the number of the sum that a lane has, or -1 if it has none.
 UBS_FN int sum_of_lane(int lane) {
   int in_third = lane & 3, third = (lane & 4) != 0 ? 3 : 0;
   int holds = third == 0 ? in_third < 3 : in_third < 2;
   return holds ? ((lane & 8) != 0 ? 5 : 0) + third + in_third : -1;
 }
 #else
-// values: of the lanes of a block.
+// Returns the sum over the lanes of a block. values: one value per lane.
 UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
   float sums[kLanes / 2];
   UBS_UNROLL for (int l = 0; l < kLanes / 2; ++l) sums[l] = values[l] + values[l + kLanes / 2];
@@ -77,8 +81,9 @@ UBS_FN float sum_over_lanes(UBS_LOCAL const float* values) {
 }
 #endif
 
-// Fills the batch with those of the list entries from `at` on that any block composites, in list order, and returns their
-// number. Behind them `blocks` is 0. Without ballot, `kept` must be 0 and is so again afterwards.
+// Fills the batch with those list entries from `at` on that at least one block composites, in list order, and returns
+// their number. `blocks` is 0 after the last of them. Without ballot, `kept` must be 0 before the call, and is 0 again
+// afterwards.
 UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_GLOBAL const float* records,
                       UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
                       UBS_GLOBAL const ushort* masks, int item) {
@@ -88,7 +93,7 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
     mask = masks[slot];
   }
 #if UBS_BALLOT
-  if (item < UBS_BACKWARD_BATCH) {  // the same for a wave
+  if (item < UBS_BACKWARD_BATCH) {  // the same branch for the whole wave
     uint lanes = ballot(mask != 0);
     if (item % 32 == 0) shared->kept[item / 32] = lanes;
   }
@@ -100,7 +105,7 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
 #ifdef UBS_OPENCL
   UBS_UNROLL
 #else
-  _Pragma("unroll 1")  // six registers less; NVIDIA's OpenCL compiler makes it 20 % slower
+  _Pragma("unroll 1")  // saves six registers; in OpenCL on NVIDIA it would be 20 % slower
 #endif
   for (int word = 0; word < kBackwardWords; ++word) {
     uint bits = shared->kept[word];
@@ -127,8 +132,8 @@ UBS_FN int fill_batch(UBS_LOCAL BackwardShared* shared, uint at, uint last, UBS_
   return count;
 }
 
-// Of work-items 0 .. 4 kTurn - 1 three of each four add the sums of a turn over blocks, in their order, four values each,
-// and write the gradient of the splat to its slot.
+// Adds the sums of a turn over the blocks, in their order, and writes the gradient of each splat to its slot. Each
+// splat has four consecutive work-items, of which three process four values each.
 UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int count, int item,
                         UBS_SLOTS(UBS_GLOBAL float*)) {
   int place = item / 4, part = item % 4, k = first + place;
@@ -157,8 +162,9 @@ UBS_FN void write_slots(UBS_LOCAL const BackwardShared* shared, int first, int c
   ((UBS_GLOBAL float4*)UBS_SLOT_PIECE(slot))[(ulong)UBS_SLOT_IN_PIECE(slot) * (kCardSlotStride / 4) + (ulong)part] = sum;
 }
 
-// Blocks visit their splats of a turn, each at its own pace where lanes can exchange values, else all the k-th of theirs
-// together: the sums go through local memory, whose barriers are for all.
+// Each block visits those splats of a turn that reach it. If lanes can exchange values, each block advances at its own
+// pace. Otherwise all blocks visit their k-th splat at the same time, because the sums go through local memory, and its
+// barriers involve all work-items.
 UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
@@ -187,7 +193,7 @@ UBS_KERNEL UBS_WAVES UBS_GROUP(kItems) void raster_gpu_backward(
   for (uint at = segment.first; at < segment.last; at += UBS_BACKWARD_BATCH) {
     int count = fill_batch(&shared, at, segment.last, records, sorted_ids, sorted_slots, masks, item);
     for (int turn = 0; turn < count; turn += kTurn) {
-      // The bits of the turn alone.
+      // Only the bits of this turn.
       int word = turn / 32;
       uint shift = (uint)turn % 32, of_turn = 0xffffffffu >> (32 - kTurn);
       uint bits = shared.hits[pixel.block * kBackwardWords + word] >> shift & of_turn;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward rasteriser for GPUs. Splats of the tile's list pass through local memory, one batch of as many as there are
-// pixels after the other. Long lists are drawn in parts (list_parts.h).
+// Forward rasteriser for GPUs. The splats of a tile's list pass through local memory in batches of as many splats as
+// the tile has pixels. Long lists are rendered in parts (list_parts.h).
 
-// Splats whose alphas a work-item computes, none waiting for another, before it blends them
-// (docs/results/2026-11-26-h200-lists.md).
+// Number of splats whose alphas a work-item computes before it blends them, so that these computations need not wait
+// for each other (docs/results/2026-11-26-h200-lists.md).
 #ifndef UBS_TOGETHER
 #define UBS_TOGETHER 1
 #endif
@@ -13,7 +13,8 @@ enum {
   kVotes = UBS_BALLOT ? kItems / 32 : 1,
 };
 
-// Bit b: the splat reaches block b of the tile whose corner is (left, top).
+// Returns the blocks that the splat reaches, as bits: bit b is set if it reaches block b of the tile whose corner is
+// (left, top).
 UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   CullSplat s = cull_splat(r.place.x - left, r.place.y - top, r.place.z, r.place.w, r.shape.x, r.reach);
   uint blocks = 0;
@@ -26,23 +27,25 @@ UBS_FN uint reached_blocks(SplatRecord r, float left, float top) {
   return blocks;
 }
 
-// States in front of a segment (list_segments.h).
+// Returns the pixel's state in front of a segment (list_segments.h).
 UBS_FN UBS_GLOBAL float4* state_of(UBS_GLOBAL float* states, uint list_first, uint segment, int item) {
   return (UBS_GLOBAL float4*)states + ((ulong)list_states(list_first, segment) * kItems + (ulong)item);
 }
 
 typedef struct {
   float4 places[kItems], shapes[kItems];
-  uint blocks[UBS_BALLOT ? 4 : kItems];  // that splats reach
+  uint blocks[UBS_BALLOT ? 4 : kItems];  // the blocks that each splat reaches
   float2 colours[kItems];
 #if UBS_DEPTH
   float depths[kItems];
 #endif
   uint hits[kBlocks * kForwardWords];
-  uint votes[2][kVotes];  // for the blocks with an open pixel, of this batch and the next
+  // Bits of the blocks with an open pixel, for this batch and the next.
+  uint votes[2][kVotes];
 } ForwardShared;
 
-// The blocks with a pixel that is open, after a barrier. Without ballot the votes must be 0 before.
+// Records in `votes` which blocks have an open pixel. The result is complete after a barrier. Without ballot the votes
+// must be 0 before the call.
 UBS_FN void vote_open(UBS_LOCAL uint* votes, int open, TilePixel pixel, int item) {
 #if UBS_BALLOT
   (void)pixel;
@@ -60,10 +63,10 @@ UBS_FN uint open_blocks(UBS_LOCAL const uint* votes) {
   return blocks;
 }
 
-// What a pixel has taken of the splats in front of some place of its list.
+// The state of a pixel after the splats in front of some position of its list.
 typedef struct {
-  float open;              // transmittance if the pixel goes on, else 0
-  float rest;              // transmittance behind the last splat that it took
+  float open;              // transmittance if the pixel is still open, else 0
+  float rest;              // transmittance after the last composited splat
   float r, g, b;
   float weighted_depth, weight;  // with UBS_DEPTH
 } ForwardPixel;
@@ -73,8 +76,8 @@ UBS_FN ForwardPixel new_pixel(float open) {
   return p;
 }
 
-// Takes the entries from `begin` to `end` of a list that starts at `first`. masks and states: null where nobody goes
-// backward.
+// Blends the entries from `begin` to `end` of a list that starts at `first`. masks and states are null if there is no
+// backward pass.
 UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared, TilePixel pixel, int item, uint first,
                                  uint begin, uint end, UBS_GLOBAL const float* records,
                                  UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
@@ -87,9 +90,9 @@ UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared
   uint at = begin;
   for (int turn = 0; at < end; at += kItems, turn ^= 1) {
     vote_open(shared->votes[turn], p.open > 0.0f, pixel, item);
-    UBS_BARRIER();  // also: nobody reads the splats of the last batch any more
+    UBS_BARRIER();  // also: the splats of the previous batch are no longer read
     uint alive = open_blocks(shared->votes[turn]);
-    if (alive == 0) break;  // the same for the whole group
+    if (alive == 0) break;  // the same branch for the whole group
     if (keeps && at != first && (at - first) % kListSegment == 0)
       *state_of(states, first, (at - first) / kListSegment, item) = ubs_float4(p.open, p.r, p.g, p.b);
     uint blocks = 0;
@@ -159,11 +162,13 @@ UBS_FN void put_pixel(ForwardPixel p, TilePixel pixel, float background_r, float
   if (UBS_DEPTH) depth[pixel.index] = blend_expected_depth(p.weighted_depth, p.weight);
 }
 
-// Where the planes of a part are in `parts`; plane 0 is its transmittance, the others are what its pixels take:
-// transmittance behind it (negative where the pixel is finished, 0 where it was before), colour, depth sums.
+// Returns the place of a part in `parts`. Plane 0 is its transmittance. The other planes are the results of its pixels:
+// the transmittance after the part (negative if the pixel finishes in it, 0 if it was finished before), the colour, and
+// the depth sums.
 UBS_FN ulong part_place(ListPart part, int item) { return (ulong)part.place * (kPartPlanes * kItems) + (ulong)item; }
 
-// First pass of long lists: the transmittance of each part but the last. long_lists: 0 where there are none.
+// First pass of long lists: computes the transmittance of each part except the last. long_lists points to 0 if no list
+// is long.
 UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_parts(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* tile_ranges, int tiles_x,
     int tiles_y, int width, int height, UBS_GLOBAL const uint* long_lists, UBS_GLOBAL float* parts) {
@@ -178,8 +183,9 @@ UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_parts(
   parts[part_place(part, item)] = p.open;
 }
 
-// Groups below the number of tiles take short lists and the first parts of long ones, the others further parts. masks and
-// states: null where nobody goes backward; parts: null where lists are not divided.
+// The work-groups with numbers below the number of tiles process short lists and the first parts of long lists; the
+// others process further parts. masks and states are null if there is no backward pass; parts is null if lists are not
+// divided.
 UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
@@ -217,9 +223,9 @@ UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_forward(
 #endif
 }
 
-// Last pass of long lists: adds up what the parts of a tile have taken, in their order. The states in front of segments
-// get the colour in front of their part. Where a part has finished a pixel the later ones do not count, also where
-// rounding has left the product of transmittances just above the threshold.
+// Last pass of long lists: adds the results of a tile's parts in their order, and adds the colour in front of a part to
+// the states of its segments. Once a part has finished a pixel, later parts do not count, even if rounding has left the
+// product of transmittances just above the threshold.
 UBS_KERNEL UBS_GROUP(kItems) void raster_gpu_join(
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height, float background_r,
     float background_g, float background_b, UBS_GLOBAL float* image, UBS_GLOBAL float* transmittance,

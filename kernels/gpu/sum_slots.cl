@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient of a projected splat = sum of its slots, one slot a tile that it reaches, in slot order.
-// Slots are gradients already. 16 neighbouring work-items are a splat, of which 12 read, so that a slot is one coalesced
-// read. A splat of more than kWideSplat slots would take as long as all the others: the group takes kSumParts parts of it
-// side by side, part k every kSumParts-th slot from the k-th on, and adds them in their order.
+// Computes the gradient of each projected splat: the sum of its slots, one per tile that it reaches, in slot order. The
+// slots contain gradients already. 16 consecutive work-items process one splat; 12 of them read the 12 values of a
+// slot, which is one coalesced read. A splat with more than kWideSplat slots would take as long as all others together.
+// Therefore the whole work-group adds it in kSumParts parts; part k consists of every kSumParts-th slot from the k-th
+// on, and the parts are added in their order.
 
 #ifndef UBS_SUM_GROUP_GPU
 #define UBS_SUM_GROUP_GPU 64
@@ -13,8 +14,8 @@ enum {
   kSumParts = 16,
 };
 
-// Of `count` slots from `first` on every `step`-th. Those of mask 0 were never written: they may hold anything, NaN
-// included.
+// Returns the sum of one value over every `step`-th of `count` slots from `first` on. Slots with mask 0 are skipped:
+// they were never written and may contain anything, including NaN.
 UBS_FN float sum_of_value(uint first, uint count, uint step, uint value, UBS_SLOTS(UBS_GLOBAL const float*),
                           UBS_GLOBAL const ushort* masks) {
   float sum = 0.0f;
@@ -47,7 +48,7 @@ UBS_KERNEL UBS_GROUP(UBS_SUM_GROUP_GPU) void sum_slots_scalar(
   if (any_wide == 0) return;
   uint end = count - first_splat < teams ? count : first_splat + teams;
   for (uint splat = first_splat; splat < end; ++splat) {
-    if (tile_counts[splat] <= kWideSplat) continue;  // the same for the whole group
+    if (tile_counts[splat] <= kWideSplat) continue;  // the same branch for the whole group
     for (uint part = team; part < kSumParts; part += teams)
       parts[part * kGradStride + value] = sum_of_value(slot_offsets[splat] + part, tile_counts[splat] - part,
                                                        kSumParts, value, UBS_SLOT_ARGUMENTS, masks);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the rasterisers for GPUs share. One group is one 16x16 tile, one work-item one pixel. Sixteen neighbouring
-// work-items are a 4x4 block of pixels, and each block visits only the splats whose ellipse reaches it.
+// Definitions that the rasterisers for GPUs share. One work-group processes one tile of 16x16 pixels, and one work-item
+// one pixel. Sixteen consecutive work-items process a block of 4x4 pixels. Each block visits only the splats whose
+// ellipse reaches it.
 #pragma once
 
 enum {
@@ -15,9 +16,9 @@ enum {
 typedef struct {
   int block, lane;
   int left, top;    // corner of the tile [px]
-  int index, plane; // in a plane, of which size
+  int index, plane; // index of the pixel in a plane; size of the plane
   float x, y;       // centre [px]
-  int inside;       // of the image
+  int inside;       // inside the image
 } TilePixel;
 
 UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int width, int height) {
@@ -37,7 +38,7 @@ UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int wi
   return p;
 }
 
-// What blending reads of a record, in words of 16 and 8 bytes, and what is read of it once.
+// The part of a record that blending reads, in words of 16 and 8 bytes, and the values that are read only once.
 typedef struct {
   float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
   float2 colour;        // g, b
@@ -70,15 +71,15 @@ UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
   return s;
 }
 
-// Of splats, one a work-item from the first on, `blocks` are the bits of the blocks that each reaches. This turns them
-// into words of blocks: bit k of hits[block * words + word] is splat word * 32 + k. All work-items call it, and a barrier
-// must follow; there are 32 * words splats. all: the blocks of all splats at a multiple of 16 bytes, which only cards
-// without ballot read, after a barrier.
+// Transposes the blocks of splats to words of blocks. The k-th work-item passes the `blocks` of splat k: bit b is set
+// if the splat reaches block b. In the result, bit k of hits[block * words + word] belongs to splat word * 32 + k.
+// There are 32 * words splats. All work-items must call this function, and a barrier must follow. all: the `blocks` of
+// all splats, aligned to 16 bytes; they are only read without ballot, and then require a barrier before the call.
 UBS_FN void turn_blocks(uint blocks, UBS_LOCAL const uint* all, int words, UBS_LOCAL uint* hits, int item) {
 #if UBS_BALLOT
   (void)all;
   int lane = item % 32, word = item / 32;
-  if (word >= words) return;  // the same for a wave
+  if (word >= words) return;  // the same branch for the whole wave
   uint mine = 0;
   UBS_UNROLL for (int block = 0; block < kBlocks; ++block) {
     uint of_block = ballot((int)(blocks >> block & 1u));

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each splat does to the pixels of a tile: its largest blended weight (MeasureWeights of host/device/stages.hpp;
-// opencl/weights.cl is the same for CPUs). One group a tile over the lists of a forward pass. Alphas are those of the
-// rasteriser to the bit. For tools.
+// Measures how much each splat affects a tile: its largest blended weight over the pixels (MeasureWeights of
+// host/device/stages.hpp; opencl/weights.cl is the version for CPUs). One work-group processes one tile with the lists
+// of a forward pass. The alphas are bit-identical to those of the rasteriser. Used by tools.
 
 enum { kWeightBatch = 32 };  // entries between two barriers
 
-// weights (by slot): max over the tile's pixels of transmittance * alpha. A splat that would finish a pixel counts
-// although it is not composited there: without it the pixel would go on. 0: the image does not depend on the splat.
+// weights (by slot): the maximum over the tile's pixels of transmittance * alpha. If a splat would finish a pixel, it
+// counts there although it is not composited, because the pixel would continue without it. 0: the image does not depend
+// on the splat.
 UBS_KERNEL UBS_GROUP(kItems) void measure_weights(
     UBS_GLOBAL const float* records, UBS_GLOBAL const uint* sorted_ids, UBS_GLOBAL const uint* sorted_slots,
     UBS_GLOBAL const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
     UBS_GLOBAL const ushort* masks, UBS_GLOBAL float* weights) {
-  UBS_SHARED uint most[kWeightBatch];  // bits of the largest weight: order of floats that are not negative
+  UBS_SHARED uint most[kWeightBatch];  // bits of the largest weight; non-negative floats are ordered as their bits
   int item = ubs_local_id(), tile = (int)ubs_group_id();
   TilePixel pixel = tile_pixel(tile, item, tiles_x, tiles_y, width, height);
   uint first = tile_ranges[tile], last = tile_ranges[tile + 1];

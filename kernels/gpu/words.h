@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The words of kernels whose work-items cooperate on a card: groups, local memory, barriers. One source is compiled as
-// OpenCL C and as CUDA C++ (there a group is a block, a work-item a thread, a wave a warp of 32).
-//   UBS_GROUP(n)      behind UBS_KERNEL: the kernel runs in groups of n work-items
-//   UBS_SHARED        declares a variable in local memory, in a kernel; UBS_LOCAL: address space of a pointer to it
-//   UBS_BARRIER()     for all work-items of the group, and of what they wrote to local memory
-//   ubs_local_id(), ubs_group_at(dimension), ubs_groups_across()
-//   ubs_atomic_or(pointer, bits), ubs_atomic_max(pointer, value)   of words in local memory
-// Exchange between the lanes of a wave is in exchange.h.
+// Macros for kernels whose work-items cooperate on a GPU: work-groups, local memory and barriers. The same source is
+// compiled as OpenCL C and as CUDA C++. In CUDA a work-group is a block, a work-item a thread, and a wave a warp of 32.
+// - UBS_GROUP(n): after UBS_KERNEL; the kernel runs in work-groups of n work-items
+// - UBS_SHARED: declares a variable in local memory, in a kernel; UBS_LOCAL: address space of a pointer to it
+// - UBS_BARRIER(): waits for all work-items of the group and for their writes to local memory
+// - ubs_local_id(), ubs_group_at(dimension), ubs_groups_across()
+// - ubs_atomic_or(pointer, bits), ubs_atomic_max(pointer, value): for words in local memory
+// exchange.h has the exchange between lanes of a wave.
 #pragma once
 
 #ifdef UBS_OPENCL

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam over all that is learnt in one launch: x = UBS_VW splats, y = row. The lanes between
-// count and the next multiple of UBS_VW are padding of the rows and are updated along. Rows of gradients and
-// moments are those that are learnt (kernels/layout.h).
+// Takes the Adam step of all trained parameters in one launch. x: UBS_VW splats per work-item; y: row. The lanes from
+// `count` to the next multiple of UBS_VW are padding and are updated as well. Gradients and moments have only the rows
+// of trained parameters (kernels/layout.h).
 
 UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params, UBS_GLOBAL real* moment1,
                           UBS_GLOBAL real* moment2, UBS_GLOBAL const real* learning_rates, uint count,
@@ -18,10 +18,10 @@ UBS_KERNEL void adam_step(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_para
   adam_store(adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k), param, moment1 + at, moment2 + at);
 }
 
-// The same step, watched: where a new value is not finite, sentinel[0] (0 before) becomes `stamp` and the
-// parameter keeps its old value; the moments tell which one it was. Steps with another stamp then do nothing,
-// so that the state waits as it was until the host looks. All items of a launch see 0 or their own stamp: the
-// result does not depend on their order.
+// The same step with a check for values that are not finite. If a new value is not finite, the kernel sets sentinel[0]
+// (previously 0) to `stamp` and the parameter keeps its old value; the moments show which parameter it was. Steps with
+// a different stamp then do nothing, so that the state stays unchanged until the host checks the sentinel. All
+// work-items of a launch see 0 or their own stamp, so the result does not depend on their order.
 UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real* v_params,
                                   UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2,
                                   UBS_GLOBAL const real* learning_rates, uint count, uint stride, real beta1,
@@ -40,7 +40,7 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   AdamState s = adam_load(before, moment1 + at, moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
   vmask bad = adam_not_finite(s);
-  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding holds anything
+  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding can hold anything
   s.param = bad ? before : s.param;
   adam_store(s, param, moment1 + at, moment2 + at);
 }

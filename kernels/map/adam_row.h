@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam on UBS_VW splats of one row, watched or not; used by adam.cl and learn.cl.
+// Loads and stores the Adam state of UBS_VW splats in one row. Used by adam.cl and learn.cl.
 
 UBS_FN AdamState adam_load(vreal param, UBS_GLOBAL const real* moment1, UBS_GLOBAL const real* moment2) {
   AdamState s;

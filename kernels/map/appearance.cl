@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The colours of one photograph from those of the model, and back with the gradient (kernels/math/appearance.h).
-// Planes are padded to whole tiles: what lies there is undefined, and does not reach a sum.
+// Maps the colours of the model to those of one photograph, and the gradient back (kernels/math/appearance.h). Planes
+// are padded to whole tiles; values in the padding are undefined and do not enter any sum.
 
-#define APPEARANCE_ROWS 16  // of one partial sum; divides the rows of a plane
+#define APPEARANCE_ROWS 16  // rows per partial sum; divides the rows of a plane
 
 typedef struct {
   real f[kAppearanceSize];
@@ -25,8 +25,8 @@ UBS_KERNEL void map_colours(UBS_GLOBAL const real* image, uint plane, UBS_GLOBAL
   UBS_STORE(m.f[8] * r + m.f[9] * g + m.f[10] * b + m.f[11], mapped + 2 * (size_t)plane + at);
 }
 
-// v_image, of the mapped image, becomes that of the image. sums: of UBS_VW columns of a strip of rows, a plane of
-// (strips, pitch) for each of the twelve.
+// Replaces v_image, the gradient of the mapped image, by that of the unmapped image. sums: partial sums of UBS_VW
+// columns in a strip of rows; each of the twelve numbers has a plane of (strips, pitch).
 UBS_KERNEL void map_colours_vjp(UBS_GLOBAL const real* image, int width, int height, int pitch, int rows,
                                 UBS_GLOBAL const real* numbers, uint first, UBS_GLOBAL real* v_image,
                                 UBS_GLOBAL real* sums) {

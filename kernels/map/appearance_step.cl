@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One Adam step of the twelve numbers of an image, a work-item each, and then the mean over all images is brought
-// back to 0: otherwise the model and all images could drift together, which no loss sees. The bias corrections are
-// kept as moments of the constant 1, because every image counts its own steps.
+// Takes one Adam step of the twelve numbers of an image, one work-item per number. Then it subtracts the mean over all
+// images, because otherwise the model and all images could drift together, which does not change the loss. The bias
+// corrections are stored as moments of the constant 1, because every image counts its own steps.
 
 UBS_KERNEL void appearance_step(UBS_GLOBAL real* state, uint images, uint image, UBS_GLOBAL const real* gradient,
                                 uint first_gradient, real rate_diagonal, real rate_other, real beta1, real beta2,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient of a view's camera: kernels/math/splat.h with UBS_CAMERA_GRAD, summed over the splats.
+// Computes the gradient of a view's camera. Each splat's share is computed with kernels/math/splat.h and
+// UBS_CAMERA_GRAD, and the shares are summed.
 
 UBS_FN CameraVjp camera_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   Sight sight = sight_ahead(camera, raw);
@@ -22,8 +23,8 @@ UBS_FN void camera_backward_lanes(uint lane, SplatsInView view, UBS_GLOBAL const
   UBS_UNROLL for (int k = 0; k < kCameraGrads; ++k) UBS_STORE(sum.e[k], v_camera + (size_t)k * lanes + lane);
 }
 
-// Lane l adds up the splats l, l + lanes, l + 2 lanes and so on, in this order; `lanes`, a multiple of 64, are added up by
-// the host. v_camera: (kCameraGrads, lanes).
+// Lane l adds the splats l, l + lanes, l + 2 lanes and so on, in this order. The host adds the results of the lanes,
+// whose number `lanes` is a multiple of 64. v_camera: (kCameraGrads, lanes).
 UBS_KERNEL void camera_backward(UBS_GLOBAL const real* params, uint count, uint stride, uint first_record,
                                 UBS_GLOBAL const real* cameras, uint camera, real near_plane, real far_plane,
                                 real eps2d, UBS_GLOBAL const real* v_records, UBS_GLOBAL real* v_camera, uint lanes) {

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views that several processes make together: from the records of a process's splats to those that are drawn, one
-// behind the other as they travel, and from the gradients of these back. The tile rect travels in the two values that
-// a record has to spare. One work-item a splat.
+// Packs and unpacks the splats of views that several processes render together. The kernels copy the records of a
+// process's visible splats to consecutive places for the transfer, and copy the gradients back to all splats. The tile
+// rectangle travels in two unused values of the record. One work-item processes one splat.
 
 enum { kRectX = kSplatReach + 1, kRectY = kRectX + 1 };
 
-// 1 where a splat is drawn, and 0 behind the last one. The prefix sum of them are the places.
+// Writes 1 for a visible splat, and 0 for other splats and for the element after the last splat. The prefix sums of
+// these marks are the places of the visible splats.
 UBS_KERNEL void mark_drawn(UBS_GLOBAL const uint* tile_counts, uint count, UBS_GLOBAL uint* marks) {
   uint i = UBS_GLOBAL_ID(0);
   if (i > count) return;
@@ -25,7 +26,7 @@ UBS_KERNEL void pick_drawn(UBS_GLOBAL const float* records, UBS_GLOBAL const uin
   to[kRectY] = tile_rects[2 * (size_t)i + 1];
 }
 
-// What else the lists need follows from the records.
+// Restores the depth keys, tile rectangles and tile counts, which the lists need in addition, from the records.
 UBS_KERNEL void unpack_drawn(UBS_GLOBAL float* records, uint count, UBS_GLOBAL uint* depth_keys,
                              UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
   uint i = UBS_GLOBAL_ID(0);
@@ -38,7 +39,7 @@ UBS_KERNEL void unpack_drawn(UBS_GLOBAL float* records, uint count, UBS_GLOBAL u
   record[kRectX] = record[kRectY] = 0;
 }
 
-// 0 where a splat is not drawn.
+// Copies the gradients of the visible splats back, and writes 0 for all others.
 UBS_KERNEL void spread_gradient(UBS_GLOBAL const float* drawn, UBS_GLOBAL const uint* places, uint count,
                                 UBS_GLOBAL float* v_records) {
   uint i = UBS_GLOBAL_ID(0);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relocation and growth (method.md 4.3), one work-item a splat. The draws count the copies of each source with
-// integer atomics, whose result does not depend on the order. Compiled with UBS_VW = 1: the copies gather, and the
-// event is rare.
+// Relocation and growth (method.md 4.3), one work-item per splat. The copies of each source are counted with integer
+// atomics, whose result does not depend on the order. The kernels are compiled with UBS_VW = 1, because copies read
+// from arbitrary splats, and because relocations are rare. Order of the kernels:
 //   weights -> prefix sum -> draw -> sources -> copies
 
-// alive_only: relocation samples live splats, so that weight 0 marks the dead.
+// alive_only: relocation samples live splats only, so that weight 0 marks the dead ones.
 UBS_KERNEL void mcmc_weights(UBS_GLOBAL const real* params, uint count, uint stride, uint alive_only,
                              UBS_GLOBAL uint* weights, UBS_GLOBAL uint* copies) {
   uint i = UBS_GLOBAL_ID(0);
@@ -14,7 +14,8 @@ UBS_KERNEL void mcmc_weights(UBS_GLOBAL const real* params, uint count, uint str
   copies[i] = 0;
 }
 
-// The splat whose share [prefix[i], prefix[i + 1]) holds `ticket`; weight 0 is an empty share.
+// Returns the splat whose interval [prefix[i], prefix[i + 1]) contains `ticket`. A splat of weight 0 has an empty
+// interval.
 UBS_FN uint find_share(UBS_GLOBAL const ulong* prefix, uint count, ulong ticket) {
   uint low = 0, high = count;  // prefix[low] <= ticket < prefix[high]
   while (high - low > 1) {
@@ -27,8 +28,8 @@ UBS_FN uint find_share(UBS_GLOBAL const ulong* prefix, uint count, ulong ticket)
   return low;
 }
 
-// Slot i draws a source if its weight is 0 (relocation, slots = count, `weights` given) or always
-// (growth, `weights` null). totals[0] counts the slots that got one.
+// Draws a source for each slot i whose weight is 0 (relocation: slots = count, `weights` is passed), or for all slots
+// (growth: `weights` is null). totals[0] counts the slots that got a source.
 UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint* weights, uint count, uint slots,
                           uint purpose, uint seed0, uint seed1, uint iteration0, uint iteration1,
                           UBS_GLOBAL uint* sources, UBS_GLOBAL uint* copies, UBS_GLOBAL uint* totals) {
@@ -38,8 +39,9 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   sources[i] = UBS_NO_SOURCE;
   if (weights && (weights[i] != 0 || total == 0)) return;
   RandomWords words = random_words(seed0, seed1, iteration0, iteration1, purpose, i);
-  // 64 random bits times n, high word: uniform on 0 .. n - 1 but for a relative n / 2^64 (5e-6 for six million
-  // splats of opacity 1). Growth must fill its slots even if every opacity is zero or NaN: all splats are then alike.
+  // The upper half of the product of 64 random bits and n is uniform on 0 .. n - 1, except for a relative error of
+  // n / 2^64 (5e-6 for six million splats of opacity 1). Growth must fill its slots even if every opacity is zero or
+  // NaN; then all splats have the same probability.
   ulong ticket = ubs_mul_hi64((ulong)words.x << 32 | words.y, total > 0 ? total : count);
   uint source = total > 0 ? find_share(prefix, count, ticket) : (uint)ticket;
   sources[i] = source;
@@ -47,7 +49,8 @@ UBS_KERNEL void mcmc_draw(UBS_GLOBAL const ulong* prefix, UBS_GLOBAL const uint*
   ubs_count(totals);
 }
 
-// Sources take their share of their own opacity and start with fresh moments.
+// Reduces the opacity of each source, because its copies take over a part of its effect, and resets the moments of the
+// source.
 UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, UBS_GLOBAL const uint* copies,
                              UBS_GLOBAL real* moment1, UBS_GLOBAL real* moment2) {
   uint i = UBS_GLOBAL_ID(0);
@@ -60,8 +63,8 @@ UBS_KERNEL void mcmc_sources(UBS_GLOBAL real* params, uint count, uint stride, U
   }
 }
 
-// Slot first + i receives all rows of sources[i], where that is a splat (UBS_NO_SOURCE is not). A source
-// is never a slot that is written, so the order of the work-items does not matter.
+// Copies all rows of splat sources[i] to slot first + i, unless sources[i] is UBS_NO_SOURCE. A source is never a slot
+// that is written, so the order of the work-items does not matter.
 UBS_KERNEL void mcmc_copies(UBS_GLOBAL real* params, uint stride, uint first, uint slots,
                             UBS_GLOBAL const uint* sources, UBS_GLOBAL real* moment1,
                             UBS_GLOBAL real* moment2) {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layers of an image network around its matrix products. Images and features are planar: channel c
-// begins at c * plane, rows follow each other without gaps, and `plane` is a multiple of 16, so that a
-// work-item may load and store UBS_VW pixels behind the last one.
+// Kernels for the layers of an image network, except for its matrix products. Images and features are planar. Channel c
+// starts at c * plane, and rows follow each other without gaps. `plane` is a multiple of 16, so that a work-item may
+// load and store UBS_VW pixels even if these extend past the last pixel.
 
-// A clamped pixel of an image as the network (or the window sums) want it: value * scale + offset by
-// channel (y). Either 8 bit (3, height, width), then value / 255 as the loss takes it, or float with padded planes (rows, pitch).
+// Converts a pixel of an image to the input of the network (or of the window sums): clamps it to [0, 1] and computes
+// value * scale + offset for its channel (y). The image is either 8 bit with shape (3, height, width), divided by 255
+// as in the loss; or float with planes padded to (rows, pitch).
 UBS_KERNEL void load_image(UBS_GLOBAL const uchar* bytes, UBS_GLOBAL const real* values, int width, int height,
                            int pitch, int rows, real scale_r, real scale_g, real scale_b, real offset_r,
                            real offset_g, real offset_b, int plane, UBS_GLOBAL real* out) {
@@ -25,8 +26,9 @@ UBS_KERNEL void load_image(UBS_GLOBAL const uchar* bytes, UBS_GLOBAL const real*
   out[(size_t)channel * plane + pixel] = value * scale + offset;
 }
 
-// Rows (y) of the matrix that turns a convolution into a product: one for each (channel, window y, window
-// x), one column for each of the `count` output pixels from `first` on; zero outside the image.
+// Writes the rows (y) of the matrix that turns a convolution into a matrix product. There is one row for each (channel,
+// window y, window x), and one column for each of the `count` output pixels from `first` on. Entries outside the image
+// are zero.
 UBS_KERNEL void im2col(UBS_GLOBAL const real* image, int width, int height, int plane, int window, int stride,
                        int padding, int out_width, int first, int count, int pitch, UBS_GLOBAL real* matrix) {
   int column = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
@@ -61,7 +63,7 @@ UBS_KERNEL void im2col(UBS_GLOBAL const real* image, int width, int height, int 
   }
 }
 
-// max(x + bias, 0) in place, channels in y, the first of them at element `first`.
+// Computes max(x + bias, 0) in place. Channels are in y; the first of them starts at element `first`.
 UBS_KERNEL void bias_relu(UBS_GLOBAL real* features, int first, UBS_GLOBAL const real* bias, int plane) {
   int pixel = (int)(UBS_GLOBAL_ID(0) * UBS_VW);
   int channel = (int)UBS_GLOBAL_ID(1);
@@ -72,7 +74,7 @@ UBS_KERNEL void bias_relu(UBS_GLOBAL real* features, int first, UBS_GLOBAL const
   UBS_STORE(value, at);
 }
 
-// The largest value of each window; windows at the right and lower edge may reach beyond the image.
+// Computes the largest value of each window. Windows at the right and lower edges may extend past the image.
 UBS_KERNEL void max_pool(UBS_GLOBAL const real* image, int width, int height, int plane, int window, int stride,
                          int out_width, int out_height, int out_plane, UBS_GLOBAL real* out) {
   int pixel = (int)UBS_GLOBAL_ID(0);
@@ -92,7 +94,7 @@ UBS_KERNEL void max_pool(UBS_GLOBAL const real* image, int width, int height, in
   out[(size_t)channel * out_plane + pixel] = most;
 }
 
-// Distance of two feature maps at each pixel; zero from `pixels` to the end of the plane.
+// Computes the distance of two feature maps at each pixel. Writes zero from `pixels` to the end of the plane.
 UBS_KERNEL void lpips_distance(UBS_GLOBAL const real* a, UBS_GLOBAL const real* b,
                                UBS_GLOBAL const real* weights, int channels, int pixels, int plane,
                                UBS_GLOBAL real* distances) {
@@ -114,8 +116,8 @@ UBS_KERNEL void lpips_distance(UBS_GLOBAL const real* a, UBS_GLOBAL const real* 
   UBS_STORE(real_pixel ? distance : V(0.0), distances + pixel);
 }
 
-// Sums of every `items`-th group of UBS_VW of the `count` values from `first` on: UBS_VW partial sums a
-// work-item, from `sums_offset` on. `count` is a multiple of UBS_VW.
+// Adds values from `first` on: work-item i adds every `items`-th group of UBS_VW values, starting at group i, and
+// writes UBS_VW partial sums at `sums_offset`. `count` is a multiple of UBS_VW.
 UBS_KERNEL void partial_sums(UBS_GLOBAL const real* values, int first, int count, int items, int sums_offset,
                              UBS_GLOBAL real* sums) {
   int item = (int)UBS_GLOBAL_ID(0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random displacement of the means (method.md 4.3 step 3), UBS_VW splats a work-item. The first of them draws as
-// number `first_number` of the model.
+// Adds a random displacement to the means (method.md 4.3 step 3). One work-item processes UBS_VW splats. `first_number`
+// is the index in the whole model of the first splat here; the random numbers depend on it.
 
 UBS_KERNEL void add_noise(UBS_GLOBAL real* params, uint count, uint stride, real amount, uint seed0,
                           uint seed1, uint iteration0, uint iteration1, uint first_number) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conditioning and projection fused, forward and backward: one work-item takes UBS_VW consecutive
-// splats through kernels/math/splat.h. Parameters are read in rows, records are written per splat.
+// Conditioning and projection fused into one kernel, forward and backward. One work-item processes UBS_VW consecutive
+// splats with kernels/math/splat.h. Parameters are stored in rows, and records per splat.
 
-// What every kernel of this file takes first. Splat i has record first_record + i: groups of splats of several
-// dimensions share one set of records.
+// The arguments that all kernels of this file have in common. Splat i has record first_record + i, because groups of
+// splats with different dimensions share one set of records.
 typedef struct {
   UBS_GLOBAL const real* params;
   uint count, stride, first_record;
@@ -31,18 +31,19 @@ UBS_FN CameraView load_camera(SplatsInView view) {
 }
 
 #ifndef UBS_PREFETCH_AHEAD
-#define UBS_PREFETCH_AHEAD 1  // work-items; past the last row it is a harmless hint
+#define UBS_PREFETCH_AHEAD 1  // in work-items; reaching past the last row is harmless
 #endif
 
-// Asks for the records (of `words` reals, a cache line) of a work-item to come; those of this one are at
-// `records`.
+// Prefetches the records (of `words` reals, one cache line) of a later work-item. `records` are those of the current
+// one.
 #define UBS_PREFETCH_RECORDS(prefetch, records, words)                    \
   UBS_UNROLL for (int lane = 0; lane < UBS_VW; ++lane) {                  \
     prefetch((records) + (UBS_PREFETCH_AHEAD * UBS_VW + lane) * (words)); \
   }
 
-// backward: a constant; forward is 3 % slower where it asks the second cache, backward and learn.cl 7 to 12 %
-// faster (docs/results/2026-11-23-before-after.md).
+// Loads the parameters of UBS_VW splats. backward: a constant that selects the prefetch. The forward kernel is 3 %
+// slower if it prefetches into the second-level cache; backward and learn.cl are 7 to 12 % faster
+// (docs/results/2026-11-23-before-after.md).
 UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
   SplatRaw raw;
   UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
@@ -57,9 +58,9 @@ UBS_FN SplatRaw load_splats(SplatsInView view, uint first, int backward) {
   return raw;
 }
 
-// Whether the raw parameters, taken as one vector, are no longer than UBS_RAW_MAX. False for NaN and
-// infinities. A sum of squares costs an instruction a parameter; two of them, so that they do not wait for
-// one another.
+// Returns whether the vector of raw parameters is no longer than UBS_RAW_MAX; false for NaN and infinities. A sum of
+// squares costs one instruction per parameter. There are two sums, so that consecutive instructions do not wait for
+// each other.
 UBS_FN vmask within_raw_range(SplatRaw raw) {
   vreal even = V(0.0), odd = V(0.0);
   UBS_UNROLL for (int k = 0; k + 1 < kRowCount; k += 2) {
@@ -70,7 +71,7 @@ UBS_FN vmask within_raw_range(SplatRaw raw) {
   return even + odd <= (vreal)(UBS_RAW_MAX * UBS_RAW_MAX);
 }
 
-// First and last pixel, in 0 .. size-1, whose centre lies in middle +- half; first > last when none.
+// First and last pixel in 0 .. size-1 whose centre is within half_extent of the middle; first > last if there is none.
 typedef struct {
   vreal first, last;
 } PixelRange;
@@ -90,12 +91,13 @@ UBS_FN int any_thin(SplatRaw raw) {
 }
 
 #ifndef UBS_CAMERA_GRAD
-// `thin` as in splat_state(); to: the first record.
+// Projects the splats and writes their results. thin: see splat_state(); to: index of the first record.
 UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, uint to, UBS_GLOBAL real* records,
                           UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                           UBS_GLOBAL uint* tile_counts) {
-  // One lane (GPUs) checks first: afterwards all parameters would still be in registers. Wide lanes, which keep them in
-  // memory, check when the rest waits (4 % faster).
+  // With one lane (GPUs) the check comes first, because later it would keep all parameters in registers. With wide
+  // lanes the parameters are in memory anyway, and it is 4 % faster to check after the projection, while other
+  // instructions wait.
   vmask within;
   if (UBS_VW == 1) within = within_raw_range(raw);
   SplatImage splat = splat_image(raw, splat_state(cam, raw, sight, thin));
@@ -135,7 +137,7 @@ UBS_FN void project_block(CameraView cam, SplatRaw raw, Sight sight, int thin, u
   store_pairs(tx0 | (tx1 << 16), ty0 | (ty1 << 16), tile_rects + 2 * (size_t)to);
 }
 
-// All work-items of a group: what they share is computed once.
+// Processes all work-items of a group, so that values that they share are computed once.
 UBS_FN void project_forward_items(uint item, SplatsInView view, UBS_GLOBAL real* records,
                                   UBS_GLOBAL uint* depth_keys, UBS_GLOBAL uint* tile_rects,
                                   UBS_GLOBAL uint* tile_counts) {
@@ -166,7 +168,7 @@ UBS_KERNEL void project_forward(UBS_GLOBAL const real* params, uint count, uint 
 #endif
 
 #if !UBS_FORWARD_ONLY
-// The summed gradient of projected splats, and which of them have one that is not zero.
+// The summed gradients of projected splats, and in which lanes they are not zero.
 typedef struct {
   SplatImageVjp v;
   vmask contributing;
@@ -202,7 +204,7 @@ UBS_FN SplatRaw raw_gradient(CameraView camera, SplatRaw raw, SplatImageVjp v) {
   return splat_vjp(camera, raw, sight, v, 0);
 }
 
-// v_params: the rows that are learnt. What only others need, the compiler removes.
+// v_params has only the rows of trained parameters. The compiler removes computations that only serve other rows.
 UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL const real* v_records,
                                    UBS_GLOBAL real* v_params, uint accumulate) {
   UBS_APART
@@ -216,7 +218,7 @@ UBS_FN void project_backward_items(uint item, SplatsInView view, UBS_GLOBAL cons
       UBS_UNROLL for (int k = 0; k < kRowCount; ++k) {
         if (UBS_TRAINED_ROW(k + 1) == UBS_TRAINED_ROW(k)) continue;
         UBS_GLOBAL real* row = v_params + (size_t)UBS_TRAINED_ROW(k) * view.stride + first;
-        // A splat without contribution has an exactly zero gradient, whatever its parameters are.
+        // A splat that does not contribute has a gradient of exactly zero, even if its parameters are not finite.
         vreal value = in.contributing ? gradient.e[k] : V(0.0);
         UBS_PREFETCH_WRITE(row + UBS_PREFETCH_AHEAD * UBS_VW);
         if (accumulate) value += UBS_LOAD(row);

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Records of 16 reals a splat, read and written for UBS_VW consecutive splats at once: field k of all lanes is
-// one vreal. At 16 lanes the two layouts are each other's transpose, done in registers; going through memory
-// element by element stalls on store forwarding. One lane goes by words of four, which neighbouring lanes of a GPU
-// have 64 bytes apart.
+// Reads and writes records of 16 reals per splat for UBS_VW consecutive splats at once; field k of all lanes is one
+// vreal. With 16 lanes the two layouts are transposes of each other. The transposition is done in registers, because a
+// transposition through memory, element by element, would stall on store forwarding. With one lane, records are
+// accessed in words of four reals; neighbouring lanes of a GPU then access words that are 64 bytes apart.
 
 typedef struct {
   vreal field[16];
 } Records;
 
 #if UBS_VW == 16
-// Within fours first (opencl/shuffles.h), then fours as they are.
+// Transposes within groups of four first (opencl/shuffles.h), then moves whole groups of four.
 UBS_FN Records transpose_records(Records r) {
   Records fours, out;  // fours[4 g + s] has fields 4 g .. 4 g + 3 of the splats s, s + 4, s + 8 and s + 12
   UBS_UNROLL for (int g = 0; g < 16; g += 4) {
@@ -79,7 +79,7 @@ UBS_FN void store_records(Records r, UBS_GLOBAL real* to) {
 #endif
 }
 
-// (a, b) of lane i to to[2 i], to[2 i + 1].
+// Writes (a, b) of lane i to to[2 i] and to[2 i + 1].
 UBS_FN void store_pairs(vuint a, vuint b, UBS_GLOBAL uint* to) {
 #if UBS_VW == 16
   vstore16(as_uint16(interleave_low(as_float16(a), as_float16(b))), 0, to);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds the gradients of the penalties to those of the parameters: x = UBS_VW splats.
+// Adds the gradients of the parameter penalties. x: UBS_VW splats per work-item.
 
 UBS_KERNEL void regularise(UBS_GLOBAL const real* params, UBS_GLOBAL real* v_params, uint count, uint stride,
                            PenaltyWeights weights) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first number of each row of `sums` (count, pitch) becomes the sum of the row.
+// Replaces the first number of each row of `sums` (count, pitch) by the sum of the row.
 
 UBS_KERNEL void row_sums(UBS_GLOBAL real* sums, int pitch, int count) {
   int row = (int)UBS_GLOBAL_ID(0);

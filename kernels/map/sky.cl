@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A sky behind the splats, and its gradient (method.md 4.11): along the direction d of a pixel it has the colour
-//   B(d) = s_0 + sum_{k = 1 ... 8} Y_k(d) s_k,   Y_k the harmonics of math/colour.h (UBS_SH_COUNT is 9 here),
-// and a pixel gets transmittance * B. Number 3 k + c of `sky` is channel c of s_k. Planes are padded to whole tiles:
-// what lies there is undefined, and does not reach a sum.
+// Adds a sky behind the splats, and computes its gradient (method.md 4.11). In the direction d of a pixel the sky has
+// the colour
+//   B(d) = s_0 + sum_{k = 1 ... 8} Y_k(d) s_k,   with the harmonics Y_k of math/colour.h (UBS_SH_COUNT is 9 here),
+// and transmittance * B is added to the pixel. Element 3 k + c of `sky` is channel c of s_k. Planes are padded to whole
+// tiles; values in the padding are undefined and do not enter any sum.
 
-#define SKY_ROWS 16  // of one partial sum; divides the rows of a plane
+#define SKY_ROWS 16  // rows per partial sum; divides the rows of a plane
 
 UBS_FN ShBasis sky_basis(UBS_GLOBAL const real* camera, int x, int y) {
   UBS_GLOBAL const real* turn = camera + kCameraRotation;
@@ -34,7 +35,7 @@ UBS_KERNEL void draw_sky(UBS_GLOBAL const real* cameras, uint camera, UBS_GLOBAL
   }
 }
 
-// sums: of UBS_VW columns of a strip of rows, a plane of (strips, pitch) for each number of the sky.
+// sums: partial sums of UBS_VW columns in a strip of rows; each number of the sky has a plane of (strips, pitch).
 UBS_KERNEL void sky_vjp(UBS_GLOBAL const real* cameras, uint camera, int width, int height, int pitch, int rows,
                         UBS_GLOBAL const real* transmittance, UBS_GLOBAL const real* v_image, UBS_GLOBAL real* sums) {
   int x = (int)(UBS_GLOBAL_ID(0) * UBS_VW), strip = (int)UBS_GLOBAL_ID(1);

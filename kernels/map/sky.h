@@ -1,3 +1,3 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers of a sky: nine functions of the direction, three channels.
+// Size of a sky: nine functions of the direction for each of three channels.
 #define SKY_NUMBERS 27

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// One splat at one pixel: spatial kernel, alpha, front-to-back compositing, and its gradient
-// (method.md 2.6, 3.1). Used by every rasteriser; lanes are pixels. d = splat mean - pixel centre.
-// The kernel is (1 - r)^beta on r < 1, or with UBS_FALLOFF_GAUSSIAN exp(-r/2) where alpha >= 1/255; with
-// UBS_ALPHA_MIN only where alpha exceeds it. UBS_NO_V_SHAPE, _OPACITY, _BETA, _COLOUR: nobody asks for the gradient
-// of mean and conic, of the opacity, ...; its sums stay zero.
+// Blends one splat into one pixel: the spatial kernel, alpha, front-to-back compositing, and the gradient of these
+// (method.md 2.6, 3.1). All rasterisers use these functions. The lanes of a vector are pixels, and d is the mean of the
+// splat minus the pixel centre.
+// The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
+// UBS_ALPHA_MIN a splat contributes only where alpha exceeds that limit.
+// The macros UBS_NO_V_SHAPE, UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR say that the gradient of mean and
+// conic, of the opacity, of beta or of the colour is not requested; the sums for it then stay zero.
 #pragma once
 
-// The splat's values that blending reads; uniform over the pixels of a block.
+// The values of a splat that blending reads. They are the same for all pixels of a block.
 typedef struct {
   real l00, l01, l11;  // factor of the conic
   real opacity, beta;
@@ -14,17 +16,20 @@ typedef struct {
 } BlendSplat;
 
 typedef struct {
-  vreal p, q;      // L d: the distance in the ellipse's own coordinates
-  vreal r;         // p^2 + q^2, in units of the support radius, at most just below 1 (Gaussian: of its deviation)
+  vreal p, q;      // L d: the offset in the coordinates of the ellipse
+  // p^2 + q^2, in units of the support radius (Gaussian: of the standard deviation). For the Beta kernel it is clamped
+  // to the largest number below 1.
+  vreal r;
   vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
-  vmask inside;    // r < 1 (Gaussian: alpha >= 1/255) and alpha > UBS_ALPHA_MIN, where there is one
-  vmask passes;    // inside, and alpha is below its maximum: a gradient passes
+  vmask inside;    // r < 1 (Gaussian: alpha >= 1/255), and alpha > UBS_ALPHA_MIN if that is set
+  vmask passes;    // inside, and alpha is below its maximum: the gradient is not zero
 } BlendAlpha;
 
-// blend_alpha in two halves of about the same time, for rasterisers that begin a splat before they end another.
-// The first fills p, q, r, log2_1mr and inside.
+// blend_begin() and blend_end() are the two halves of blend_alpha() and take about the same time. Rasterisers that
+// start a splat before they finish the previous one call them separately. The first half fills p, q, r, log2_1mr and
+// inside.
 UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   BlendAlpha a;
   a.p = ubs_fma((vreal)(s.l00), dx, s.l01 * dy);
@@ -33,7 +38,8 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   a.inside = a.r < (vreal)(UBS_SUPPORT);
   a.log2_1mr = V(0.0);
   if (UBS_FALLOFF == UBS_FALLOFF_BETA) {
-    a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);  // sooner there than a choice by `inside`
+    // The result of this minimum is available sooner than that of a selection by `inside`.
+    a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);
     a.log2_1mr = ubs_log2_1m(a.r);
   }
   a.falloff = a.alpha = V(0.0);
@@ -41,7 +47,8 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
   return a;
 }
 UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
-  // 1 outside: what is nearly 0 there makes denormal products, which cost CPUs a quarter of a rasteriser's time.
+  // The exponent is set to 0 outside the support, so that falloff is 1 there. Values near 0 would produce denormal
+  // products, which cost CPUs a quarter of the time of the rasteriser.
   a.falloff = UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)))
                                                   : ubs_exp2(a.inside ? s.beta * a.log2_1mr : V(0.0));
   vreal raw = s.opacity * a.falloff;
@@ -57,12 +64,12 @@ UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
 
 UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) { return blend_end(s, blend_begin(s, dx, dy)); }
 
-// Transmittance behind the splat and the splat's weight alpha * T. A pixel that the splat would
-// finish takes nothing of it and is closed: its `open` transmittance becomes 0 from then on.
+// One compositing step: the transmittance after the splat, and the weight alpha * T of the splat. If the splat would
+// finish the pixel, it is skipped and the pixel is closed: its `open` transmittance becomes 0 and stays 0.
 typedef struct {
   vreal weight;
-  vreal open;        // transmittance if the pixel goes on, else 0
-  vmask composited;  // the splat is part of the pixel
+  vreal open;        // transmittance if the pixel stays open, else 0
+  vmask composited;  // the splat contributes to the pixel
 } BlendStep;
 
 UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {
@@ -74,16 +81,17 @@ UBS_FN BlendStep blend_step(BlendAlpha a, vreal open) {
   return s;
 }
 
-// Mean depth of what was composited, from sum(weight z) and sum(weight); 0 where nothing was.
+// Returns the mean depth of the composited splats, from sum(weight z) and sum(weight), or 0 if there are none.
 UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
   return weighted_depth / ubs_max(weight, V(1e-10));
 }
 
-// Gradient of one splat at one pixel, as sums that need no uniform factors (those are applied once
-// per splat or tile in blend_factors): with h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
+// Gradient of one splat at one pixel. The sums do not contain the factors that are the same for all pixels;
+// blend_factors() applies those once per splat or tile. With h = v_alpha * alpha / max(1-r, rim) and (p, q) = L d,
 //   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
-// |(p, q)| < 1 inside the support. In pixels, sums of h d d^T, a thin ellipse would lose its small axis in the large.
-// A Gaussian has h = v_alpha * alpha and 1/2 in the place of beta.
+// Inside the support |(p, q)| < 1. In pixel coordinates, as sums of h d d^T, the short axis of a thin ellipse would be
+// lost in the rounding error of the long one.
+// For a Gaussian, h = v_alpha * alpha, and 1/2 takes the place of beta.
 typedef struct {
   vreal hp, hq, hpp, hpq, hqq;  // h p, h q, h p^2, h p q, h q^2
   vreal opacity;                // falloff * v_alpha
@@ -97,14 +105,16 @@ UBS_FN BlendSums blend_no_sums(void) {
   return s;
 }
 
-// v_pixel . (colour composited behind the splat, background included), given the same before it.
+// Returns v_pixel . (colour composited after the splat, including the background), from the same value before the
+// splat.
 UBS_FN vreal blend_remaining(BlendSplat s, BlendStep step, vreal remaining, vreal v_r, vreal v_g, vreal v_b) {
   return remaining - step.weight * (s.r * v_r + s.g * v_g + s.b * v_b);
 }
 
-// Adds the splat's part at one pixel to `sums`; one expression a sum, so that each is one fused instruction.
-// open: transmittance before the splat; remaining: blend_remaining of this splat;
-// v_*: gradient of the loss to the pixel's colour.
+// Adds the contribution of the splat at one pixel to `sums`. Each sum is one expression, so that it compiles to one
+// fused instruction.
+// open: transmittance in front of the splat; remaining: result of blend_remaining() for this splat; v_*: gradient of
+// the loss with respect to the colour of the pixel.
 UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep step, vreal open, vreal remaining,
                            vreal v_r, vreal v_g, vreal v_b) {
 #ifndef UBS_NO_V_COLOUR
@@ -115,7 +125,7 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal one_minus_alpha = V(1.0) - a.alpha;
   vreal rim = V(1.0) - a.r;
   rim = rim < (vreal)(UBS_RIM) ? (vreal)(UBS_RIM) : rim;
-  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // Beta: one division for both quotients
+  vreal inverse = ubs_reciprocal(one_minus_alpha * rim);  // Beta kernel: one division serves both quotients
   vreal v_alpha = open * (s.r * v_r + s.g * v_g + s.b * v_b) -
                   (UBS_FALLOFF == UBS_FALLOFF_BETA ? remaining * (inverse * rim) : remaining / one_minus_alpha);
   v_alpha = (step.composited & a.passes) ? v_alpha : V(0.0);
@@ -141,8 +151,8 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   return sums;
 }
 
-// Sums over pixels -> gradient of the projected splat: v_x = xp hp, v_y = yp hp + yq hq, W = square (hpp, hpq, hqq),
-// v_beta = ln 2 log_beta; the others are the sums themselves.
+// Factors that turn the sums over pixels into the gradient of the projected splat: v_x = xp hp, v_y = yp hp + yq hq,
+// W = square (hpp, hpq, hqq), v_beta = ln 2 log_beta. The other sums are gradients already.
 typedef struct {
   real xp, yp, yq, square;
 } BlendFactors;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Colour of a splat seen along a direction: raw rgb, or max(0, 1/2 + sum_k Y_k(d) f_k) with real spherical
-// harmonics Y_k up to degree 3 in the order and with the signs of 3D Gaussian splatting, or the constant one
-// and spherical Beta lobes (method.md 5.2), and the VJPs to the coefficients and to the direction. The direction is a unit vector; its gradient is that of the
-// polynomials continued off the sphere, which the normalisation projects (splat.h).
+// The colour of a splat seen from a direction. It is the raw rgb; or max(0, 1/2 + sum_k Y_k(d) f_k) with the real
+// spherical harmonics Y_k up to degree 3, in the order and with the signs of 3D Gaussian Splatting; or the constant
+// harmonic plus spherical Beta lobes (method.md 5.2). The functions also compute the gradients of the coefficients and
+// of the direction.
+// The direction d is a unit vector. Its gradient is that of the polynomials extended to all of space; splat.h projects
+// it onto the sphere with the derivative of the normalisation.
 #pragma once
 
 typedef struct {
-  vreal e[16];  // of them UBS_SH_COUNT
+  vreal e[16];  // the first UBS_SH_COUNT are used
 } ShBasis;
 
 UBS_FN ShBasis sh_basis(Vec3 d) {
@@ -38,7 +40,7 @@ UBS_FN ShBasis sh_basis(Vec3 d) {
   return y;
 }
 
-// Gradient of sum_k weight_k Y_k(d) to d.
+// Returns the gradient of sum_k weight_k Y_k(d) with respect to d.
 UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
   Vec3 v;
   v.e[0] = V(0.0);
@@ -75,19 +77,22 @@ UBS_FN Vec3 sh_basis_vjp(Vec3 d, ShBasis weight) {
   return v;
 }
 
-// Row of coefficient k of channel c: the constant terms of all channels first, then each channel's others.
+// Returns the row of coefficient k of channel c. The constant terms of all channels come first, then the other
+// coefficients channel by channel.
 UBS_FN int sh_row(int c, int k) {
   return kRowRgb + (k == 0 ? c : 3 + c * (UBS_SH_COUNT - 1) + (k > 0 ? k - 1 : 0));
 }
 
-// Row of a field of lobe l: raw red, green, blue, the angles theta and phi of its axis, raw beta.
+// Returns the row of a field of lobe l. The fields are raw red, green and blue, the angles theta and phi of the axis,
+// and the raw beta.
 UBS_FN int lobe_row(int field, int l) { return kRowRgb + 3 + field * UBS_LOBES + l; }
 
-// A lobe adds softplus_k(raw colour) u^p: u = d . m with its axis m where that is positive, p = 4 exp(beta).
+// A lobe adds softplus_k(raw colour) u^p to the colour, where u = d . m is positive. m is the axis of the lobe, and
+// p = 4 exp(beta).
 typedef struct {
   Vec3 m, m_theta, m_phi;  // axis and its derivatives
   vreal log_value;         // p ln u
-  vreal value, slope;      // and its derivative to u
+  vreal value, slope;      // u^p, and its derivative with respect to u
 } Lobe;
 
 UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
@@ -102,7 +107,7 @@ UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
   b.m_phi.e[0] = -b.m.e[1];
   b.m_phi.e[1] = b.m.e[0];
   b.m_phi.e[2] = V(0.0);
-  // 1 - u = |d - m|^2 / 2 of unit vectors: of a sharp lobe a scalar product would leave nothing but rounding.
+  // For unit vectors 1 - u = |d - m|^2 / 2. A scalar product would contain only rounding errors for a sharp lobe.
   vreal x = d.e[0] - b.m.e[0], y = d.e[1] - b.m.e[1], z = d.e[2] - b.m.e[2];
   vreal r = V(0.5) * (x * x + y * y + z * z);
   vmask lit = r < V(1.0);
@@ -115,7 +120,7 @@ UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
   return b;
 }
 
-// softplus of sharpness k = 10 ln 2: a raw colour of 0 gives 0.1.
+// Softplus with the sharpness k = 10 ln 2; a raw colour of 0 gives 0.1.
 #define UBS_LOBE_SHARPNESS V(6.9314718055994530942)
 UBS_FN vreal lobe_colour(vreal raw) { return ubs_softplus(UBS_LOBE_SHARPNESS * raw) / UBS_LOBE_SHARPNESS; }
 UBS_FN vreal lobe_colour_slope(vreal raw) { return ubs_sigmoid(UBS_LOBE_SHARPNESS * raw); }

@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slicing a splat at a query (view direction, time, ...): offset of its mean, shrinkage of its spatial
-// covariance and attenuation of its opacity, all from ONE triangular factor (method.md 2.3, 2.4, 3.3).
+// Slices a splat at a query (view direction, time, ...). The results are the offset of its mean, the shrinkage of its
+// spatial covariance and the attenuation of its opacity. All three come from ONE triangular factor (method.md 2.3, 2.4,
+// 3.3).
 //
-// Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and
-// the query coupling is B (C rows of length N, [Lqx, Lq] or dense):
-//   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: rows of [U, Q'] are orthonormal)
+// Everything is expressed in the splat's own frame M (covariance.h), where Sigma_x is the identity and the query
+// coupling is B (C rows of length N, [Lqx, Lq] or dense):
+//   Sigma_q = B B^T = Lh Lh^T,  B = Lh [U, Q']     (LQ factorisation: the rows of [U, Q'] are orthonormal)
 //   y = Lh^-1 x,  z = Lh^-1 (bt * x),  Y = Lh^-1 diag(bt) B_F
 //   mean offset k = U^T z,  covariance K = I - U^T Y,  so that mu_c = mu_x + M k and V = M K M^T.
-// M has F columns (3, or N when no block of L is zero) and Sigma_xq = M B_F^T with the first F columns of
-// B; U are those of the orthonormal rows, so that with F = N the formulas stay as they are.
-// `whiten`, and all modes without weights, put the weights between the factors: z = bt * y,
-// Y = diag(bt) U, which makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
-// The factorisation works on B, not on B B^T: the condition number is not squared, and pivots stay
-// positive in single precision where a Cholesky factor of Sigma_q would break down.
+// M has F columns: 3, or N if no block of L is zero. Sigma_xq = M B_F^T, where B_F is the first F columns of B. U is
+// the first F columns of the orthonormal rows, so that the formulas hold for F = N as well.
+// In mode `whiten`, and in all modes without weights, the weights are applied between the factors: z = bt * y,
+// Y = diag(bt) U. This makes K = I - U^T diag(bt) U symmetric and positive semidefinite.
+// B is factorised instead of B B^T, so that the condition number is not squared. The pivots stay positive in single
+// precision in cases where a Cholesky factorisation of Sigma_q would fail.
 #pragma once
 
 typedef struct {
@@ -21,7 +22,7 @@ typedef struct {
   vreal log_factor;  // ln(o_q / o) <= 0
 } Conditional;
 
-// Weights that commute with the whitening.
+// True if the weights commute with the whitening.
 #define UBS_WHITEN (UBS_COV_MODE == UBS_COV_WHITEN || UBS_BETA_COND == UBS_BETA_COND_OFF)
 
 #if UBS_C > 0
@@ -34,15 +35,15 @@ typedef struct {
   vreal e[UBS_C][UBS_C];
 } QueryMat;
 
-// Inputs of the slice, activated. Direct form: direct.h says what `b` is.
+// The activated inputs of the slice. direct.h describes the contents of `b` with direct conditioning.
 typedef struct {
   vreal b[UBS_C][3 + UBS_C];  // B; entries right of the diagonal of Lq are zero
   QueryVec x;                 // query - mean
-  QueryVec exponent;          // 4 exp(b_q); 1 for other opacity factors than tanh
+  QueryVec exponent;          // 4 exp(b_q); 1 if the opacity factor is not the one with tanh
   QueryVec weight;            // min(exp(b_q), 1); 1 without weights
 } SliceInput;
 
-// What backward needs again.
+// The intermediate results that the backward pass needs.
 typedef struct {
 #if !UBS_DIRECT
   QueryMat lh;                // lower triangle, positive diagonal
@@ -59,8 +60,9 @@ typedef struct {
   QueryVec x, exponent, weight;
 } SliceVjp;
 
-// ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)), u >= 0, without the cancellation of 1 - tanh. Where u is small ln 2
-// cancels in turn, which exponents above 1e4 make visible: there -u - ln cosh u by its series (error 5e-11 at 1/4).
+// Returns ln(1 - tanh u) = ln 2 - 2u - log1p(exp(-2u)) for u >= 0, which avoids the cancellation in 1 - tanh u. For
+// small u the term ln 2 cancels instead, which becomes visible with exponents above 1e4. Therefore, for u < 1/4, the
+// result is computed as -u - ln(cosh u), with the series of ln(cosh u) (error 5e-11 at 1/4).
 UBS_FN Several log_one_minus_tanh(Several u, int count) {
   Several far;
   UBS_EACH(k, count) far.e[k] = V(-2.0) * u.e[k];
@@ -76,7 +78,7 @@ UBS_FN Several log_one_minus_tanh(Several u, int count) {
   return far;
 }
 
-// Not with UBS_BETA_OPACITY_NONE.
+// Fills `ln` and `slope` from `y`. Not used with UBS_BETA_OPACITY_NONE.
 UBS_FN Slice slice_attenuation(Slice s) {
   Several u, ln;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -125,14 +127,16 @@ UBS_FN QueryVec query_solve_transposed(QueryMat lh, QueryVec rhs) {
   return rhs;
 }
 
-// Gram-Schmidt on the rows of B, each taken twice through the rows before it. Where Lq << Lqx and C > 3 the rows
-// depend on each other but for Lq, what is left of one after the first pass is orthogonal to the others only to rounding
-// noise divided by Lq, and V and its gradients multiply that by Lq^-2; after the second pass to rounding noise
-// (docs/results/2026-11-20-stability-sweeps.md: from condition numbers of Sigma_q of 1e4 to 1e7 within 1e-3).
+// Number of passes of Gram-Schmidt on the rows of B. In each pass a row is made orthogonal to all rows before it.
+// One pass is not enough if Lq << Lqx and C > 3, because then the rows are linearly dependent except for Lq. After the
+// first pass the remainder of a row is orthogonal to the others only up to rounding errors divided by Lq, and V and its
+// gradients multiply that error by Lq^-2. After the second pass the error is that of rounding alone. (In
+// docs/results/2026-11-20-stability-sweeps.md this extends the range of condition numbers of Sigma_q with errors within
+// 1e-3 from 1e4 to 1e7.)
 enum { kOrthogonalPasses = UBS_C > 3 ? 2 : 1 };
 
-// Splat.h bounds the query scales, and with them the pivots; only rows of zeros are left to lift, of which only a finite
-// result can be promised.
+// Factorises B = Lh [U, Q']. splat.h bounds the query scales from below, which also bounds the pivots. Only rows of
+// zeros have smaller pivots; the lower bound here merely keeps their results finite.
 UBS_FN Slice slice_factor(SliceInput in) {
   Slice s;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -194,8 +198,8 @@ UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   return out;
 }
 
-// v_k, v_K: gradients of offset and shrink; v_log: gradient of log_factor. With A = Lh^-T (.), each
-// solve Lh a = rhs gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T; the factorisation B = Lh Q gives
+// v_k, v_K: gradients of offset and shrink; v_log: gradient of log_factor. With A = Lh^-T (.), each solve Lh a = rhs
+// gives v_rhs = A(v_a) and v_Lh -= v_rhs a^T. The factorisation B = Lh Q gives
 //   v_B = v_B(direct) + Lh^-T (F + F^T) Q,  F = tril(Lh^T v_Lh) with halved diagonal,
 // which is the Cholesky rule (2 v_Sq B with v_Sq = Lh^-T (F + F^T) Lh^-1 / 2).
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {
@@ -204,7 +208,8 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < UBS_C; ++j) v_lh.e[i][j] = V(0.0);
 
-  // Opacity: log_factor = sum exponent_i ln_i(y_i); the exponent's gradient is kept on the floor.
+  // Opacity: log_factor = sum exponent_i ln_i(y_i). The gradient of the exponent also exists where ln is at its lower
+  // bound.
   QueryVec v_y;
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     if (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) {
@@ -231,7 +236,8 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
   v.x = v_y;
   if (UBS_WHITEN + (UBS_BETA_OPACITY != UBS_BETA_OPACITY_NONE) > 0) v.x = query_solve_transposed(s.lh, v_y);
   if (UBS_WHITEN) {
-    // Lh^T v_Lh at once: what Lh^-T has enlarged would have to be made small again.
+    // Accumulates Lh^T v_Lh directly. Multiplying by Lh^-T first and by Lh^T afterwards would enlarge values only to
+    // reduce them again.
     UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
       UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_y.e[i] * s.y.e[j];
   } else {
@@ -263,7 +269,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
         v_u.e[i] += v_yw.e[i] * in.weight.e[i];
       }
       UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
-        v.b[i][c] = v_u.e[i];  // Lh^T of it
+        v.b[i][c] = v_u.e[i];  // still to be multiplied by Lh^-T, below
         UBS_UNROLL for (int j = 0; j <= i; ++j) v_lh.e[i][j] -= v_u.e[i] * s.q[j][c];
       }
     } else {
@@ -285,7 +291,7 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
       UBS_UNROLL for (int k = i; k < UBS_C; ++k) sum += s.lh.e[k][i] * v_lh.e[k][j];
       if (UBS_WHITEN) sum = v_lh.e[i][j];
       f.e[i][j] = sum;
-      f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then counted twice
+      f.e[j][i] = sum;  // F + F^T: the diagonal is halved, then added twice
     }
   UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) {
     QueryVec column;
@@ -304,15 +310,17 @@ UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrin
 }
 
 #if UBS_F == 3
-// Strongly coupled splats: where the scale s is a small part t^-1 of its row and its weight is 1 or nearly, K has
-// eigenvalues of t^-2, which I - U^T Y knows to 1e-7 absolutely. With weights of 1 K is the leading block of the
-// projection I - B^+ B to the null space of B, K = W^T W with an orthonormal basis [W, Z] of it, by Householder's
-// reflections of the rows of B. W is known to 1e-7 of 1, and so are its small singular values, t^-1. With the frame M W^T
-// the splat is one without query. Weights 1 - e add D = U^T Lh^-1 diag(e) B_F (whiten: U^T diag(e) U):
+// Strongly coupled splats. If a query scale is only the fraction 1/t of its row and its weight is 1 or nearly 1, K has
+// eigenvalues of t^-2, but I - U^T Y has an absolute error of 1e-7.
+// With weights of 1, K is the leading block of I - B^+ B, the projection onto the null space of B. So K = W^T W, where
+// [W, Z] is an orthonormal basis of that null space, computed by Householder reflections of the rows of B. W has an
+// absolute error of 1e-7, and so have its small singular values t^-1. With the frame M W^T the splat can then be
+// treated like one without query dimensions.
+// Weights 1 - e add D = U^T Lh^-1 diag(e) B_F (`whiten`: U^T diag(e) U):
 //   K = W^T K' W,  K' = I + W^-T D W^-1 = I + G^T Lh^-1 diag(e) Lh G,  G = U W^-1,
-// so that M W^T is the frame and K' the shrinkage. K' is known to 1e-7 e t^3 of its least direction, I - U^T Y to 1e-7 t^2 or,
-// where no weight is nearer to 1, 1e-7 / e: all such weights are to be above 1 - UBS_COUPLED_WEIGHT (splat_thin),
-// and K' below UBS_COUPLED_SHRINK.
+// so that M W^T is the frame and K' the shrinkage. Relative to the smallest eigenvalue, K' has an error of 1e-7 e t^3.
+// I - U^T Y has 1e-7 t^2 there, or 1e-7 / e if no weight is closer to 1. Therefore all these weights must be above
+// 1 - UBS_COUPLED_WEIGHT (splat_thin()), and the sum of |K'| must be below UBS_COUPLED_SHRINK.
 #define UBS_COUPLED_FACTOR
 
 typedef struct {
@@ -321,7 +329,7 @@ typedef struct {
 
 UBS_FN CoupledFactor coupled_factor(SliceInput in) {
   CoupledFactor out;
-  vreal v[UBS_C][3 + UBS_C], gain[UBS_C];  // reflection i: a - gain (v . a) v, v zero before entry i
+  vreal v[UBS_C][3 + UBS_C], gain[UBS_C];  // reflection i: a - gain (v . a) v, where v is zero before entry i
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     UBS_UNROLL for (int k = 0; k < 3 + UBS_C; ++k) v[i][k] = in.b[i][k];
     UBS_UNROLL for (int j = 0; j < i; ++j) {
@@ -349,7 +357,7 @@ UBS_FN CoupledFactor coupled_factor(SliceInput in) {
   return out;
 }
 
-// M W^T.
+// Returns M W^T.
 UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   FrameMap out;
   UBS_UNROLL for (int r = 0; r < 3; ++r)
@@ -358,7 +366,7 @@ UBS_FN FrameMap coupled_frame(FrameMap m, CoupledFactor k) {
   return out;
 }
 
-// W = Q R, R upper triangular with these pivots.
+// The factorisation W = Q R, where R is upper triangular with these pivots.
 typedef struct {
   vreal q[3][3];
   vreal r01, r02, r12, pivot[3];
@@ -386,7 +394,7 @@ UBS_FN CoupledInverse coupled_inverse(CoupledFactor k) {
   return w;
 }
 
-// a W^-1 of a row.
+// Returns a W^-1 for a row vector a.
 UBS_FN Vec3 coupled_row(CoupledInverse w, vreal a0, vreal a1, vreal a2) {
   a0 = a0 / w.pivot[0];
   a1 = (a1 - a0 * w.r01) / w.pivot[1];
@@ -430,14 +438,15 @@ UBS_FN CoupledWeights coupled_weights(Slice s, CoupledFactor k, QueryVec below) 
   return out;
 }
 
-// Gradient to a shrinkage by its factors, v_K = h^T W h + m^T S m with the frame m, h = t m, and the skew S of these
-// entries 01, 02, 12: across a long axis the entries of v_K hide the short one.
+// Gradient with respect to a shrinkage, as factors: v_K = h^T W h + m^T S m, with the frame m, h = t m, and the skew
+// matrix S with the entries 01, 02, 12. The factors are kept because in the entries of v_K the part of a short axis is
+// lost in rounding errors of the part of a long axis.
 typedef struct {
   vreal h[2][3], t[2][3], w00, w01, w11;
   vreal turn[3];
 } ShrinkVjp;
 
-// S m of a column.
+// Returns S m for a column m.
 UBS_FN Vec3 shrink_turn(ShrinkVjp v, vreal m0, vreal m1, vreal m2) {
   Vec3 out;
   out.e[0] = v.turn[0] * m1 + v.turn[1] * m2;
@@ -449,17 +458,19 @@ UBS_FN Vec3 shrink_turn(ShrinkVjp v, vreal m0, vreal m1, vreal m2) {
 typedef struct {
   FrameMap m;
   FrameVec along;             // sum over r of v_M_rc M_rc
-  vreal b[UBS_C][3 + UBS_C];  // through W and K'
-  QueryVec weight;            // through K'
+  vreal b[UBS_C][3 + UBS_C];  // the part that goes through W and K'
+  QueryVec weight;            // the part that goes through K'
 } CoupledVjp;
 
-// v: gradient of the frame M W^T, v_k: of K', of that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of
-// Lh^-1 dB Q^T and E = Lh^-1 diag(e) Lh
-//   dW = -T^T U,  dG = S G + T + G T^T G,  K' = I + G^T E G,
-// so that with N = G v_K' G^T and v_G = E G v_K'^T + E^T G v_K'
-//   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T),
-// F the lower triangle of E^T N - N E^T, its diagonal halved, and X the strict upper one of v_S - v_S^T, v_S = v_G G^T =
-// E N^T + E^T N. G^T is large along the short axes of W, and v_K' small there: N comes from G h^T = G W M^T t^T = U M^T t^T.
+// Backward pass of coupled_frame() and coupled_weights(). v: gradient of the frame M W^T; v_k: gradient of K',
+// expressed in that frame; v_M = v W. With T = Lh^-1 dB [W, Z]^T, the skew part S of Lh^-1 dB Q^T and
+// E = Lh^-1 diag(e) Lh,
+//   dW = -T^T U,  dG = S G + T + G T^T G,  K' = I + G^T E G.
+// With N = G v_K' G^T and v_G = E G v_K'^T + E^T G v_K' this gives
+//   v_T = v_G + G v_G^T G - U M^T v,  v_B = Lh^-T (v_T [W, Z] + (F + F^T + X) Q),  v_e = diag(Lh^-T N Lh^T).
+// F is the lower triangle of E^T N - N E^T with halved diagonal. X is the strict upper triangle of v_S - v_S^T with
+// v_S = v_G G^T = E N^T + E^T N. Along the short axes of W, G^T is large and v_K' is small; therefore N is computed
+// from G h^T = G W M^T t^T = U M^T t^T.
 UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor k, QueryVec below, FrameMap v,
                               ShrinkVjp v_k) {
   CoupledVjp out;
@@ -481,7 +492,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
       n.e[i][j] = gh[i][0] * gw[j][0] + gh[i][1] * gw[j][1] + um[i][0] * turned.e[0] + um[i][1] * turned.e[1] +
                   um[i][2] * turned.e[2];
   }
-  // Diagonal of Lh^-T N Lh^T, column by column of Lh^-T (N Lh^T).
+  // Diagonal of Lh^-T N Lh^T, one column of Lh^-T (N Lh^T) at a time.
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
     if (UBS_WHITEN) {
       out.weight.e[i] = -n.e[i][i];
@@ -509,7 +520,7 @@ UBS_FN CoupledVjp coupled_vjp(Slice s, FrameMap m, FrameMap frame, CoupledFactor
     }
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i)
     UBS_UNROLL for (int j = 0; j < i; ++j) x.e[j][i] = x.e[i][j] + v_s.e[j][i] - v_s.e[i][j];
-  // Column by column: M^T v / 2, rows of G v_K' and G v_K'^T.
+  // One column at a time: M^T v / 2, and the rows of G v_K' and G v_K'^T.
   UBS_UNROLL for (int c = 0; c < 3; ++c) out.along.e[c] = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     Vec3 half_v, turned = shrink_turn(v_k, frame.e[0][c], frame.e[1][c], frame.e[2][c]);

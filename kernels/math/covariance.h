@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows of the factor L of a splat's covariance Sigma = L L^T (method.md 1.2, 2.1, 8): the spatial rows, called
-// the frame M (3 x UBS_F, Sigma_x = M M^T), and the query rows B (C x N).
-//   spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]    cholesky: the same with a lower triangular M
-//   skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns.
-// In the first two L is block lower triangular, and the columns of M beyond the third are zero: UBS_F = 3.
+// Rows of the factor L of a splat's covariance Sigma = L L^T (method.md 1.2, 2.1, 8). The spatial rows are called the
+// frame M (3 x UBS_F, Sigma_x = M M^T); the query rows are B (C x N).
+// - spatial_ortho: M = R diag(s_x), B = [Lqx, Lq]
+// - cholesky: the same, but M is lower triangular
+// - skew_nd: [M; B] = (I + A) diag(s) with a skew N x N matrix A, so that M has N columns
+// With the first two, L is block lower triangular and the columns of M after the third are zero, so UBS_F = 3.
 #pragma once
 
-// Raw rotation entries that the frame reads, and the parameter row of entry m.
+// Number of raw rotation entries that the frame reads, and the parameter row of entry m.
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
 #define UBS_F UBS_N
 enum { kFrameRots = 3 + 3 * UBS_C };
@@ -29,7 +30,7 @@ typedef struct {
   vreal e[UBS_F][UBS_F];
 } FrameMat;
 
-// Raw parameters of the frame, and in the same place their gradients.
+// Raw parameters of the frame. Their gradients use the same struct.
 typedef struct {
   vreal rotation[kFrameRots];
   vreal scale[UBS_F];
@@ -41,7 +42,7 @@ typedef struct {
   FrameMap m;
 } SpatialFrame;
 
-// The scales of the parameters, before clamps.
+// Returns the scales of the parameters before clamping.
 UBS_FN FrameVec frame_scales(FrameRaw raw) {
   Several in;
   FrameVec scale;
@@ -51,7 +52,7 @@ UBS_FN FrameVec frame_scales(FrameRaw raw) {
   return scale;
 }
 
-// The least spatial scale, as a part of the largest.
+// Lower bound of a spatial scale, relative to the largest one.
 #define UBS_SCALE_LEAST                                                        \
   (UBS_COV_PARAM == UBS_COV_SKEW_ND ? UBS_SKEW_SCALE_RELATIVE                  \
                                     : UBS_COV_PARAM == UBS_COV_CHOLESKY ? UBS_NEEDLE_CHOLESKY : UBS_NEEDLE_RELATIVE)
@@ -67,14 +68,16 @@ UBS_FN vmask any_scale_floored(FrameVec scale) {
   return (scale.e[0] < least) | (scale.e[1] < least) | (scale.e[2] < least);
 }
 
-// Spatial scales at least UBS_SCALE_LEAST of the largest of them, those of query columns as they are.
+// Returns the scales with the spatial ones raised to at least UBS_SCALE_LEAST times the largest of them. The scales of
+// query columns are not changed.
 UBS_FN FrameVec floored_scales(FrameVec scale) {
   vreal least = (vreal)(UBS_SCALE_LEAST) * largest_scale(scale);
   UBS_UNROLL for (int c = 0; c < 3; ++c) scale.e[c] = ubs_max(scale.e[c], least);
   return scale;
 }
 
-// v: gradient of the result. A raised scale passes its part to the largest, the first of equal ones.
+// v: gradient of the result. The gradient of a raised scale is passed to the largest scale (to the first one if several
+// are equal).
 UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
   vreal most = largest_scale(scale), least = (vreal)(UBS_SCALE_LEAST) * most, passed = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
@@ -90,7 +93,8 @@ UBS_FN FrameVec floored_scales_vjp(FrameVec scale, FrameVec v) {
   return v;
 }
 
-// v: gradient of the scales that the frame has, raised ones among them -> of the raw ones.
+// Returns the gradient of the raw scales. v: gradient of the scales of the frame; `raised`: whether these may have been
+// raised by floored_scales().
 UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
   if (raised) v = floored_scales_vjp(frame_scales(raw), v);
   UBS_UNROLL for (int c = 0; c < UBS_F; ++c) v.e[c] *= ubs_sigmoid(raw.scale[c]);
@@ -99,7 +103,7 @@ UBS_FN FrameVec frame_scales_vjp(FrameRaw raw, FrameVec v, int raised) {
 
 #if UBS_COV_PARAM == UBS_COV_CHOLESKY
 
-// M is the lower triangle itself: the diagonal the scales, the rest raw.
+// M is the lower triangle itself: the scales are its diagonal, the raw values the entries below it.
 UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   SpatialFrame f;
   f.scale = scale;
@@ -143,8 +147,8 @@ UBS_FN SpatialFrame scaled_frame(FrameRaw raw, FrameVec scale) {
   return f;
 }
 
-// M_rc = R_rc s_c: v_s_c = sum_r v_M_rc R_rc, v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, which for a
-// long axis would cancel in that sum. v.scale is the gradient of the scales that the frame has.
+// M_rc = R_rc s_c, so v_s_c = sum_r v_M_rc R_rc and v_R_rc = v_M_rc s_c (method.md 3.4). `along` is s_c v_s_c, because
+// that sum would cancel for a long axis. v.scale is the gradient of the scales of the frame.
 UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, FrameVec along) {
   FrameRaw v;
   (void)raw;
@@ -154,8 +158,8 @@ UBS_FN FrameRaw scaled_frame_vjp(SpatialFrame f, FrameRaw raw, FrameMap v_m, Fra
       if (c >= 3) v.rotation[c < 3 ? 0 : 3 + 3 * (c - 3) + r] = v_m.e[r][c] * f.scale.e[c];
   }
 #if UBS_ROT_MODE == UBS_ROT_TAYLOR1
-  // A is skew, so each parameter collects its two entries with opposite signs; in one expression each, so
-  // that they are fused.
+  // A is skew, so each parameter collects the gradients of its two entries with opposite signs. Each is one expression,
+  // so that it compiles to a fused instruction.
   v.rotation[0] = v_m.e[0][1] * f.scale.e[1] - v_m.e[1][0] * f.scale.e[0];
   v.rotation[1] = v_m.e[0][2] * f.scale.e[2] - v_m.e[2][0] * f.scale.e[0];
   v.rotation[2] = v_m.e[1][2] * f.scale.e[2] - v_m.e[2][1] * f.scale.e[1];

@@ -1,21 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which 4x4 pixel blocks of a tile a splat reaches (lanes are splats): where r < `reach`, the support or the part of
-// it whose alpha counts. Exact up to UBS_CULL_MARGIN: the smallest r over the rectangle spanned by the block's pixel
-// centres.
-// d = splat mean - point; over a block d runs over [near - 1.5, near + 1.5] in x and in y.
+// Determines which 4x4 pixel blocks of a tile a splat reaches (lanes are splats). A splat reaches a block if
+// r < `reach` at a point of the rectangle that the block's pixel centres span. r is the squared distance to the mean,
+// and `reach` is the r at which the support ends, or at which alpha falls below its limit. The test is exact up to
+// UBS_CULL_MARGIN: it computes the smallest r over the rectangle.
+// d is the mean of the splat minus a point. Over a block, d runs over [c - 1.5, c + 1.5] in x and in y, where c is its
+// value at the centre of the block.
 #pragma once
 
-// r is compared with the reach times 1 + margin: covers rounding of r here and in blend_alpha (relative error below
-// 1e-4 for axes 1000 : 1), costs 0.5% of the radius.
+// r is compared with reach * (1 + margin). The margin covers the rounding of r here and in blend_alpha() (relative
+// error below 1e-4 for axes of 1000 : 1), and enlarges the radius by 0.5 %.
 #define UBS_CULL_MARGIN R(0.01)
 
-// The splat's values that the test reads; lanes are splats.
+// The values of a splat that the test reads; lanes are splats.
 typedef struct {
   vreal x, y;           // mean relative to the tile's corner [px]
   vreal l00, l01, l11;  // factor of the conic
-  vreal lean_x;         // d_x that minimises r at given d_y is lean_x d_y: -L01 / L00
-  vreal lean_y;         // d_y that minimises r at given d_x is lean_y d_x: -L00 L01 / (L01^2 + L11^2)
-  vreal reach;          // with the margin
+  vreal lean_x;         // for a given d_y, r is smallest at d_x = lean_x d_y: -L01 / L00
+  vreal lean_y;         // for a given d_x, r is smallest at d_y = lean_y d_x: -L00 L01 / (L01^2 + L11^2)
+  vreal reach;          // includes the margin
 } CullSplat;
 
 UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11, vreal reach) {
@@ -31,14 +33,15 @@ UBS_FN CullSplat cull_splat(vreal x, vreal y, vreal l00, vreal l01, vreal l11, v
   return s;
 }
 
-// Part of the test that depends on one coordinate only: the interval of d and its point nearest to 0.
+// The part of the test that depends on one coordinate only: the interval of d, and the point of it that is closest to
+// 0.
 typedef struct {
   vreal low, high, nearest;
 } CullSpan;
 
 UBS_FN vreal cull_clamp(vreal value, vreal low, vreal high) { return ubs_max(ubs_min(value, high), low); }
 
-// centre: of the block in this coordinate, relative to the tile's corner.
+// centre: centre of the block in this coordinate, relative to the tile's corner.
 UBS_FN CullSpan cull_span(vreal mean, real centre) {
   CullSpan s;
   vreal d = mean - centre;
@@ -48,9 +51,9 @@ UBS_FN CullSpan cull_span(vreal mean, real centre) {
   return s;
 }
 
-// r is convex, so its minimum over the rectangle lies at the mean if that is inside, else on one of
-// the (at most two) edges that face the mean: at d_x = nearest or at d_y = nearest, with the other
-// coordinate free in its interval. Both candidates are points of the rectangle.
+// Returns whether the splat reaches the block. r is convex. If the mean is inside the rectangle, the minimum of r is
+// there. Otherwise it is on one of the (at most two) edges that face the mean: at d_x = nearest or at d_y = nearest,
+// with the other coordinate free in its interval. Both candidates are points of the rectangle.
 UBS_FN vmask cull_meets(CullSplat s, CullSpan x, CullSpan y) {
   vreal dx = cull_clamp(s.lean_x * y.nearest, x.low, x.high);
   vreal p = s.l00 * dx + s.l01 * y.nearest;

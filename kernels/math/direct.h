@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slicing a splat at a query in the direct form (method.md 9): what drawing needs is a parameter, and nothing
-// is inverted.
+// Slices a splat at a query with direct conditioning (method.md 9). The quantities that rendering needs are parameters
+// themselves, so that no matrix is inverted:
 //   y = L^T x,  z = L y  (Sigma_q^-1 = L L^T, L lower triangular with a positive diagonal)
-//   mean offset s sum_i w_i z_i Theta_i, s the mean spatial scale; here without s,
-//   opacity as in 2.4 from this y; the spatial covariance is that of N = 3.
-// Row i of SliceInput.b holds Theta_i and behind it row i of L.
+// The mean offset is s sum_i w_i z_i Theta_i, where s is the mean spatial scale; the functions here compute it without
+// s. The opacity is computed from this y as in method.md 2.4. The spatial covariance is the same as for N = 3.
+// Row i of SliceInput.b contains Theta_i, followed by row i of L.
 #pragma once
 
 #if UBS_C > 0 && UBS_DIRECT
@@ -34,9 +34,9 @@ UBS_FN Conditional slice_result(SliceInput in, Slice s) {
   return out;
 }
 
-// v_k: gradient of the offset without s.
+// v_k: gradient of the offset without the factor s.
 //   v_Theta_i = w_i z_i v_k,  v_w_i = z_i (Theta_i . v_k),  v_z_i = w_i (Theta_i . v_k)
-//   v_y = L^T v_z + that of the opacity,  v_x = L v_y,  v_L_ij = v_z_i y_j + x_i v_y_j
+//   v_y = L^T v_z + gradient through the opacity,  v_x = L v_y,  v_L_ij = v_z_i y_j + x_i v_y_j
 UBS_FN SliceVjp slice_vjp(SliceInput in, Slice s, FrameVec v_k, FrameMat v_shrink, vreal v_log) {
   SliceVjp v;
   QueryVec v_y, v_z;

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exponentials, logarithms, softplus and sigmoid on vreal, accurate near their removable cancellations.
-// On wide float vectors (UBS_VW > 1: CPU devices) they are our own polynomials, because PoCL splits log, log2
-// and pow into scalars (17x slower at 16 lanes), and its exp is slower; elsewhere they are the library's.
+// Exponentials, logarithms, softplus and sigmoid of vreal, which are accurate even where the plain formulas would
+// cancel. For float vectors (UBS_VW > 1, on CPU devices) they are our own polynomials, because PoCL splits log, log2
+// and pow into scalar calls (17x slower with 16 lanes), and its exp is slower as well. Otherwise they are library
+// functions.
 #pragma once
 
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE) && UBS_VW > 1
 #define UBS_POLYNOMIAL_LOG 1
 #endif
 
-#ifndef UBS_MATH  // Approximation::math: 0 exact, 1 native, 2 rough
+#ifndef UBS_MATH  // values as in MathMode: 0 exact, 1 native, 2 rough
 #define UBS_MATH 0
 #endif
 
-// Some values, the first `count`, a constant, of which go through a function side by side.
+// Several independent values. Functions process the first `count` of them (a constant) together, step by step, so that
+// the instructions of one need not wait for those of another.
 typedef struct {
   vreal e[12];
 } Several;
@@ -33,9 +35,10 @@ typedef struct {
 #define UBS_AS_VMASK UBS_PASTE(as_int, UBS_VW)
 #define UBS_AS_VREAL UBS_PASTE(as_float, UBS_VW)
 
-// log2(1+t)/t on t in [sqrt(1/2)-1, sqrt(2)-1]: minimax, relative error 2.6e-8 (below half an ulp).
-// Here and in ubs_exp2 in Estrin's order: a chain of 4 instead of 8 products (backward rasteriser 13%
-// faster), result within 3.2e-7 relative instead of 2.7e-7 with Horner's.
+// log2(1+t)/t for t in [sqrt(1/2)-1, sqrt(2)-1]: a minimax polynomial with a relative error of 2.6e-8 (below half an
+// ulp).
+// It is evaluated in Estrin's order, as is ubs_exp2(): the longest chain has 4 products instead of 8, which makes the
+// backward rasteriser 13 % faster. The result has a relative error of 3.2e-7 instead of 2.7e-7 with Horner's scheme.
 UBS_FN vreal ubs_log2_poly(vreal t) {
   vreal t2 = t * t;
 #if UBS_MATH == 1  // relative error 7.4e-6
@@ -58,7 +61,7 @@ UBS_FN vreal ubs_log2_poly(vreal t) {
 #endif
 }
 
-// x > 0, normal. Splits x = 2^e m with m in [sqrt(1/2), sqrt(2)).
+// Requires a normal x > 0. Splits x = 2^e m with m in [sqrt(1/2), sqrt(2)).
 UBS_FN vreal ubs_log2(vreal x) {
   vmask bits = UBS_AS_VMASK(x);
   vmask e = (bits - 0x3f3504f3) >> 23;
@@ -66,8 +69,8 @@ UBS_FN vreal ubs_log2(vreal x) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// log2(1 - r), 0 <= r < 1. Where no exponent is split off, t is -r exactly, so that nothing of a
-// small r is lost in forming 1 - r (116 times less error of the beta gradient than log(1 - r)).
+// log2(1 - r) for 0 <= r < 1. If the exponent e is 0, t is exactly -r, so that no digits of a small r are lost when
+// 1 - r is formed. (The error of the beta gradient is 116 times smaller than with log(1 - r).)
 UBS_FN vreal ubs_log2_1m(vreal r) {
   vreal x = V(1.0) - r;
   vmask bits = UBS_AS_VMASK(x);
@@ -76,9 +79,9 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return fma(ubs_log2_poly(t), t, UBS_TO_VREAL(e));
 }
 
-// 2^y for -126 <= y < 127; below -126 it returns 2^-126 > 0: no denormals, no zero.
-// Relative error of the polynomial on [-1/2, 1/2]: 9.2e-8. Adding 1.5 * 2^23 rounds y to an integer, which is
-// then in the low bits of the sum; the shift into the exponent drops the others.
+// 2^y for -126 <= y < 127. Below -126 the result is 2^-126 > 0, so that there are no denormals and no zeros.
+// The polynomial has a relative error of 9.2e-8 on [-1/2, 1/2]. Adding 1.5 * 2^23 rounds y to an integer, which is then
+// in the low bits of the sum; the shift into the exponent removes the other bits.
 UBS_FN vreal ubs_exp2(vreal y) {
   y = y < V(-126.0) ? V(-126.0) : y;
   vreal shifted = y + V(12582912.0);
@@ -103,10 +106,12 @@ UBS_FN vreal ubs_exp2(vreal y) {
 
 UBS_FN vreal ubs_log(vreal x) { return ubs_log2(x) * UBS_LN2; }
 
-// Each of the next two is a chain of some thirty instructions that wait for one another, and a processor looks at
-// about a hundred that wait, no more. So the loops take all values one step further before the next step.
+// Each of the next two functions is a chain of about thirty dependent instructions, and a processor can only reorder
+// about a hundred waiting instructions. Therefore each loop advances all values by one step before the next loop
+// starts.
 
-// log(1 + x) for 0 <= x <= 1, by Kahan's correction for what is lost in forming 1 + x. Relative error 2.6e-7.
+// log(1 + x) for 0 <= x <= 1. Kahan's correction restores the digits that are lost when 1 + x is formed. Relative error
+// 2.6e-7.
 UBS_FN Several log1p_several(Several x, int count) {
   Several t, log2;
   UBS_EACH(k, count) {
@@ -122,8 +127,8 @@ UBS_FN Several log1p_several(Several x, int count) {
   return log2;
 }
 
-// exp(x) for x <= 88.37, relative error 8.2e-8: x = n ln 2 + r, ln 2 in two parts. 0 below -87.33, where denormals
-// begin; NaN of the NaN that arithmetic makes.
+// exp(x) for x <= 88.37, with a relative error of 8.2e-8: x = n ln 2 + r, with ln 2 split into two parts. The result is
+// 0 below -87.33, where denormals begin. A NaN that results from arithmetic gives NaN.
 UBS_FN Several exp_several(Several x, int count) {
   Several shifted, r, p;
   UBS_EACH(k, count) shifted.e[k] = fma(x.e[k], (vreal)(UBS_LOG2E), V(12582912.0));
@@ -153,14 +158,14 @@ UBS_FN vreal ubs_log1p(vreal x) {
   return log1p_several(one, 1).e[0];
 }
 
-// exp(x) where x is known to be at most 88.37.
+// exp(x) for x that is known to be at most 88.37.
 UBS_FN vreal exp_falling(vreal x) {
   Several one;
   one.e[0] = x;
   return exp_several(one, 1).e[0];
 }
 
-// Infinite from 88.37 on, 0.35 before it has to be; NaN of NaN.
+// Infinite from 88.37 on, which is 0.35 earlier than necessary; NaN for NaN.
 UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vreal)(INFINITY); }
 
 #elif defined(UBS_HOST)
@@ -177,9 +182,10 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #define ubs_exp2(y) exp2(y)
 #define ubs_reciprocal(x) (V(1.0) / (x))
 #else
-// One float: GPUs, CUDA. The native functions are single instructions there, with errors of 2^-22 at most: of
-// log2 near 1 absolute, else relative, of reciprocals 2^-23 (PTX; AMD has 1 ulp). OpenCL leaves them to the
-// device, which is checked before its first use. On CPUs the host takes exp2 and log2 in their place.
+// Single floats: GPUs in OpenCL and CUDA. There the native functions are single instructions with errors of at most
+// 2^-22. The error is relative, except that it is absolute for log2 near 1; for reciprocals it is 2^-23 (PTX; on AMD 1
+// ulp). OpenCL leaves the accuracy to the device, and ubs checks the device before its first use. On CPUs the host
+// replaces the native functions by exp2 and log2.
 #ifdef UBS_OPENCL
 #define ubs_exp(x) exp(x)
 #define ubs_log(x) log(x)
@@ -188,13 +194,14 @@ UBS_FN vreal ubs_exp(vreal x) { return x <= V(88.37) ? exp_falling(x) : x * (vre
 #define ubs_log(x) logf(x)
 #define ubs_log1p(x) log1pf(x)
 #endif
-#define ubs_exp2(y) native_exp2(y)  // as exp2, which scales the argument for denormals only
+#define ubs_exp2(y) native_exp2(y)  // same result as exp2, which scales its argument only for denormals
 #if UBS_MATH
 #define ubs_log2_1m(r) native_log2(R(1.0) - (r))
 #else
-// log2(1 - r), 0 <= r < 1. Near 1 the error of native_log2 is much of it, and 1 - r has lost the low bits of
-// a small r: there a series, minimax on [0, 1/4], relative error 1.5e-7. Together at most 7.5e-7, at 1/4
-// (log1pf: 1.3e-7 in 27 instructions, this is 10).
+// log2(1 - r) for 0 <= r < 1. If the result is near 0, the error of native_log2 is a large part of it, and 1 - r has
+// lost the low bits of a small r. Therefore r < 1/4 uses a polynomial, minimax on [0, 1/4] with a relative error of
+// 1.5e-7. Overall the error is at most 7.5e-7, at r = 1/4. (log1pf has 1.3e-7 and takes 27 instructions; this takes
+// 10.)
 UBS_FN vreal ubs_log2_1m(vreal r) {
   vreal p = ubs_fma(V(-0.49022483825683594), r, V(-0.20762518048286438));
   p = ubs_fma(p, r, V(-0.37192603945732117));
@@ -204,8 +211,8 @@ UBS_FN vreal ubs_log2_1m(vreal r) {
   return r < V(0.25) ? p * r : native_log2(V(1.0) - r);
 }
 #endif
-// 1 / x where x and the result are far from overflow and denormals: the division of a float has a branch for
-// the numbers that do not come.
+// Returns 1 / x for x and results that are far from overflow and denormals. The ordinary division of floats contains a
+// branch for such numbers, which do not occur here.
 UBS_FN vreal ubs_reciprocal(vreal x) {
   vreal y = native_recip(x);
   return ubs_fma(y, ubs_fma(-x, y, V(1.0)), y);
@@ -225,14 +232,14 @@ UBS_FN Several log1p_several(Several x, int count) {
 }
 #endif
 
-// 1 / (1 + exp(-x)), no overflow for any x.
+// 1 / (1 + exp(-x)), without overflow for any x.
 UBS_FN vreal ubs_sigmoid(vreal x) {
   vreal e = exp_falling(-ubs_fabs(x));
   return (x < V(0.0) ? e : V(1.0)) / (V(1.0) + e);
 }
 
-// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); its derivative is the sigmoid. Beyond x = 20 it
-// equals x to single precision, as torch has it by definition.
+// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)). Its derivative is the sigmoid. Above x = 20 the result equals x in
+// single precision; PyTorch defines it as x there.
 UBS_FN Several softplus_several(Several x, int count) {
   Several y;
   UBS_EACH(k, count) y.e[k] = -ubs_fabs(x.e[k]);

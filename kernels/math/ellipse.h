@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The support ellipse of a splat on the image (method.md 2.5, 3.2): its covariance, determinant and conic from the
-// frame M and the shrinkage K (conditional.h), and the gradients back to them and to the linearised projection.
+// The support ellipse of a splat on the image (method.md 2.5, 3.2). Forward: its covariance, determinant and conic,
+// from the frame M and the shrinkage K (conditional.h). Backward: the gradients of M, of K and of the linearised
+// projection.
 //
-// With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I, V = M K M^T (in mode `upper` with its
-// upper triangle mirrored). A thin ellipse has det B = ac - b^2 << ac, and V, B and their gradients hold the small
-// axis as a difference of large numbers: in single precision axes of 130 : 1 already lose 1e-3 of it. So nothing here
-// is formed from squares of the large axis that have to cancel:
-//   - the frame goes to the image as a factor, A = T M, and det(A K_s A^T) = n^T adj(K_s) n with the minors
-//     n = a_0 x a_1 of A (Cauchy-Binet), for K = I a sum of squares;
-//   - K = K_s + K_a, symmetric and skew. K_a reaches mode `upper` alone, as a symmetric matrix E: the mirrored
-//     triangle of M K_a M^T on the image. For 2 x 2 matrices
-//     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps);
-//   - gradients come in and go back in the coordinates of the ellipse (EllipseVjp), where it is the unit circle.
-// What remains is of the size that half an ulp of the parameters causes (docs/results/2026-11-20-stability-sweeps.md).
+// With the linearised projection T = J R_wc the ellipse is B = T V T^T + eps I with V = M K M^T (in mode `upper` with
+// mirrored upper triangle). A thin ellipse has det B = ac - b^2 << ac. V, B and their gradients then contain the short
+// axis as a difference of large numbers: in single precision, axes of 130 : 1 already lose 1e-3 of it. Therefore the
+// code forms no squares of the long axis that have to cancel:
+// - The frame is projected as a factor, A = T M. By Cauchy-Binet, det(A K_s A^T) = n^T adj(K_s) n with the minors
+//   n = a_0 x a_1 of A; for K = I this is a sum of squares.
+// - K = K_s + K_a is split into its symmetric and its skew part. K_a only has an effect in mode `upper`. There it adds
+//   a symmetric matrix E, the mirrored triangle of M K_a M^T on the image. For 2 x 2 matrices,
+//     det(S + E + eps I) = det S + (s_a e_c + s_c e_a - 2 s_b e_b) + det E + eps (tr(S + E) + eps).
+// - Gradients are passed in and out in the coordinates of the ellipse (EllipseVjp), in which the ellipse is the unit
+//   circle.
+// The remaining error is as large as the effect of half an ulp of the parameters
+// (docs/results/2026-11-20-stability-sweeps.md).
 #pragma once
 
 enum {
-  kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // K is other than the identity
-  // K has a skew part that counts: weights that do not commute with the whitening, in mode `upper`.
+  kShrinks = (UBS_C > 0) & !UBS_DIRECT,  // K is not the identity
+  // K has a skew part that has an effect: mode `upper` with weights that do not commute with the whitening.
   kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
@@ -26,7 +29,7 @@ typedef struct {
   vreal a, b, c;  // [[a, b], [b, c]]
 } Sym2;
 
-// A map from the world, or the frame, to the image plane.
+// A map from the world or from the frame to the image plane.
 typedef struct {
   vreal e[2][3];
 } ImageMap;
@@ -40,17 +43,19 @@ typedef struct {
   vreal det;         // of B
   ImageFrame a;      // A = T M
   vreal skew[3];     // with kSkewed: entries 01, 02, 12 of M K_a M^T
-  Sym2 mirrored;     // and E
-  vreal compensation;  // with UBS_ANTIALIAS: sqrt(det without eps2d / det); the opacity that the blur adds is taken away
+  Sym2 mirrored;     // E, with kSkewed
+  // With UBS_ANTIALIAS: sqrt(det without eps2d / det). The opacity is multiplied by it, to compensate for what the blur
+  // adds.
+  vreal compensation;
 } Ellipse;
 
-// Entry (i, j) of K_s and of 2 K_a.
+// Returns entry (i, j) of K_s.
 UBS_FN vreal shrink_symmetric(FrameMat k, int i, int j) {
   return i == j ? k.e[i][i] : V(0.5) * (k.e[i][j] + k.e[j][i]);
 }
 UBS_FN vreal shrink_skew(FrameMat k, int i, int j) { return k.e[i][j] - k.e[j][i]; }
 
-// A K_s.
+// Returns A K_s.
 UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
   ImageFrame out = a;
   if (kShrinks) {
@@ -63,7 +68,7 @@ UBS_FN ImageFrame frame_shrink(ImageFrame a, FrameMat k) {
   return out;
 }
 
-// a x b of rows of length three.
+// Returns a x b for two rows of length three.
 UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b2) {
   Vec3 out;
   out.e[0] = a1 * b2 - a2 * b1;
@@ -72,8 +77,9 @@ UBS_FN Vec3 cross_rows(vreal a0, vreal a1, vreal a2, vreal b0, vreal b1, vreal b
   return out;
 }
 
-// c a_0 - b a_1, row 0 without its part along row 1, times c: entry j is the sum over k of kappa_k (a_1k a_0j - a_0k a_1j)
-// with kappa = K_s a_1 = row 1 of `ak`. The minors do not lose the short axis, the difference would.
+// Returns c a_0 - b a_1, which is c times row 0 minus its component along row 1. Entry j is the sum over k of kappa_k
+// (a_1k a_0j - a_0k a_1j), with kappa = K_s a_1 = row 1 of `ak`. Computed from minors, the result keeps the short axis,
+// which the plain difference would lose.
 UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
   FrameVec out;
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) out.e[j] = V(0.0);
@@ -86,8 +92,8 @@ UBS_FN FrameVec frame_rest(ImageFrame a, ImageFrame ak) {
   return out;
 }
 
-// det(A K_s A^T). A frame of more than three columns (skew_nd) has too many minors for Cauchy-Binet: with d, its row 0
-// across row 1, it is c (d K_s d^T).
+// Returns det(A K_s A^T). A frame with more than three columns (skew_nd) has too many minors for Cauchy-Binet. For it
+// the determinant is c (d K_s d^T), where d is row 0 minus its component along row 1.
 UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) {
   Vec3 minors = cross_rows(a.e[0][0], a.e[0][1], a.e[0][2], a.e[1][0], a.e[1][1], a.e[1][2]);
   vreal n0 = minors.e[0], n1 = minors.e[1], n2 = minors.e[2];
@@ -101,7 +107,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   vreal adj22 = k.e[0][0] * k.e[1][1] - k01 * k01;
   if (UBS_F == 3)
     return n0 * (adj00 * n0 + V(2.0) * (adj01 * n1 + adj02 * n2)) + n1 * (adj11 * n1 + V(2.0) * adj12 * n2) +
-           n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: the same bits
+           n2 * (n2 * adj22);  // with K = I each term is rounded as without query dimensions: bit-identical
   FrameVec rest = frame_rest(a, ak);
   vreal square = V(0.0), inv_c = V(1.0) / (s.c > V(0.0) ? s.c : V(1.0));
   UBS_UNROLL for (int j = 0; j < UBS_F; ++j) {
@@ -113,7 +119,7 @@ UBS_FN vreal frame_determinant(ImageFrame a, ImageFrame ak, FrameMat k, Sym2 s) 
   return s.c > V(0.0) ? s.c * square : s.a * s.c - s.b * s.b;
 }
 
-// Entry (r, c) of M K_a M^T: sum over pairs of columns of K_a times minors of M.
+// Returns entry (r, c) of M K_a M^T, as a sum over pairs of columns of K_a times minors of M.
 UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
   vreal sum = V(0.0);
   UBS_UNROLL for (int i = 0; i < UBS_F; ++i)
@@ -122,7 +128,7 @@ UBS_FN vreal frame_skew(FrameMap m, FrameMat k, int r, int c) {
   return sum;
 }
 
-// t: T; the conditional covariance is V = M K M^T.
+// Computes the ellipse on the image. t: the linearised projection T; the conditional covariance is V = M K M^T.
 UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) {
   Ellipse out;
   ImageFrame a;
@@ -171,7 +177,7 @@ UBS_FN Ellipse ellipse_on_image(ImageMap t, FrameMap m, FrameMat k, real eps2d) 
   return out;
 }
 
-// Factor of the conic Q = cov^-1: Q = [[l00^2, l00 l01], [., l01^2 + l11^2]].
+// Triangular factor of the conic Q = cov^-1: Q = [[l00^2, l00 l01], [., l01^2 + l11^2]].
 typedef struct {
   vreal l00, l01, l11;
 } ConicFactor;
@@ -184,9 +190,9 @@ UBS_FN ConicFactor conic_factor(Sym2 cov, vreal det) {
   return f;
 }
 
-// Gradient to the ellipse in its own coordinates: dL = sum over all four entries of W (L dB L^T), W symmetric, with
-// the factor L of the conic; v_B = L^T W L and v_Q = -L^-1 W L^-T. Its entries stay moderate however thin the
-// ellipse is, while those of v_B and v_Q hide the small axis.
+// Gradient of the ellipse in its own coordinates: dL = sum over all four entries of W (L dB L^T), with the symmetric W
+// and the factor L of the conic. So v_B = L^T W L and v_Q = -L^-1 W L^-T. The entries of W stay moderate even for very
+// thin ellipses, whereas in v_B and v_Q the short axis is lost in the rounding of the long one.
 typedef struct {
   vreal w00, w01, w11;
 } EllipseVjp;
@@ -194,16 +200,17 @@ typedef struct {
 typedef struct {
   ImageMap t;
   FrameMap m;
-  FrameVec along;  // sum over r of v_M_rc M_rc: the gradient to a stretch of column c, which v_M, large across a long
-                   // column, would give as a difference
+  // sum over r of v_M_rc M_rc, the gradient with respect to a stretch of column c. For a long column it could not be
+  // derived from v_M, whose entries across the column are large and would cancel.
+  FrameVec along;
   FrameMat k;
 #ifdef UBS_COUPLED_FACTOR
-  ShrinkVjp shrink;  // v_K again, by its factors
+  ShrinkVjp shrink;  // v_K as factors
 #endif
 } EllipseInputVjp;
 
-// rho^2 = det(B - eps I) / det B: v_B += v_rho / (2 rho) ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2), with
-// Q = L^T L and det(Q) I = L^T adj(L L^T) L.
+// Adds the gradient of the blur compensation to w. rho^2 = det(B - eps I) / det B, so v_B += v_rho / (2 rho)
+// ((1 - rho^2) Q - eps det(Q) I) (method.md 3.2), with Q = L^T L and det(Q) I = L^T adj(L L^T) L.
 UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensation, real eps2d, vreal v_compensation) {
   vreal rho = compensation > (vreal)(UBS_COMPENSATION_MIN) ? compensation : (vreal)(UBS_COMPENSATION_MIN);
   vreal half_v = V(0.5) * v_compensation / rho;
@@ -215,19 +222,20 @@ UBS_FN EllipseVjp compensation_vjp(EllipseVjp w, ConicFactor l, vreal compensati
   return w;
 }
 
-// w: gradient to the ellipse; v_compensation: to the compensation (not looked at without it).
+// w: gradient of the ellipse; v_compensation: gradient of the blur compensation (only read with UBS_ANTIALIAS).
 UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellipse f, EllipseVjp w, real eps2d,
                                    vreal v_compensation) {
   EllipseInputVjp out;
   ConicFactor l = conic_factor(f.cov, f.det);
   if (UBS_ANTIALIAS) w = compensation_vjp(w, l, f.compensation, eps2d, v_compensation);
-  // H = L A, the frame in the ellipse's coordinates: v_K = H^T W H, v_A = L^T G with G = 2 W H K_s.
-  // LT is the same of the world's axes: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
+  // H = L A is the frame in the coordinates of the ellipse: v_K = H^T W H, v_A = L^T G with G = 2 W H K_s.
+  // `lt` is L T, the same for the axes of the world: v_M = (L T)^T G, and v_T = L^T Y with Y = G M^T.
   ImageFrame wh;
   vreal h[2][UBS_F];
   ImageMap lt;
-  // Row 0 of L is l00 (1, -b/c): the long axis cancels in l00 a_0 + l01 a_1. With kappa = K_s a_1, mu = M kappa,
-  //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest) + eps a_0 + e_c a_0 - e_b a_1, and of T with mu x (t_0 x t_1).
+  // Row 0 of L is l00 (1, -b/c), so the long axis would cancel in l00 a_0 + l01 a_1. With kappa = K_s a_1 and
+  // mu = M kappa, this sum is computed from
+  //   c a_0 - b a_1 = kappa x (a_0 x a_1) (or frame_rest()) + eps a_0 + e_c a_0 - e_b a_1; for T with mu x (t_0 x t_1).
   ImageFrame ak = frame_shrink(f.a, k);
   Vec3 ray = cross_rows(image.e[0][0], image.e[0][1], image.e[0][2], image.e[1][0], image.e[1][1], image.e[1][2]);
   vreal mu[3];
@@ -292,8 +300,9 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
     }
   }
   if (kSkewed) {
-    // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T): v_z_ij = 2 (L t_i)^T W (L t_j), v_T gets 2 v_B t_j z_ij for t_i.
-    // z = entries of M K_a M^T: with the skew S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
+    // E = sum_{i<j} z_ij (t_i t_j^T + t_j t_i^T), so v_z_ij = 2 (L t_i)^T W (L t_j), and v_T gets 2 v_B t_j z_ij for
+    // t_i.
+    // z contains the entries of M K_a M^T. With the skew matrix S = v_z / 2, v_M -= 2 S M K_a and v_K += M^T S M.
     vreal wt[2][3], s01, s02, s12;
     UBS_UNROLL for (int r = 0; r < 3; ++r) {
       wt[0][r] = w.w00 * t[0][r] + w.w01 * t[1][r];
@@ -304,7 +313,7 @@ UBS_FN EllipseInputVjp ellipse_vjp(ImageMap image, FrameMap m, FrameMat k, Ellip
       y[i][1] += f.skew[0] * wt[i][0] + f.skew[2] * wt[i][2];
       y[i][2] += f.skew[1] * wt[i][0] + f.skew[2] * wt[i][1];
     }
-    s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is twice L T
+    s01 = V(0.25) * (t[0][0] * wt[0][1] + t[1][0] * wt[1][1]);  // t is two times L T
     s02 = V(0.25) * (t[0][0] * wt[0][2] + t[1][0] * wt[1][2]);
     s12 = V(0.25) * (t[0][1] * wt[0][2] + t[1][1] * wt[1][2]);
 #ifdef UBS_COUPLED_FACTOR

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Relocation, growth and noise of method.md 4.3, for one splat. Needs covariance.h.
+// Relocation, growth and noise of one splat (method.md 4.3). Requires covariance.h.
 #pragma once
 
 #if defined(UBS_OPENCL)
@@ -10,30 +10,30 @@
 #define ubs_expm1(x) expm1f(x)
 #endif
 
-// logit(0.005) and logit(1 - 2^-23): the range of opacities after relocation, in raw parameters.
+// Range of opacities after relocation, in raw parameters: logit(0.005) and logit(1 - 2^-23).
 #define UBS_RAW_OPACITY_MIN R(-5.2933048247244923)
 #define UBS_RAW_OPACITY_MAX R(15.942385033669446)
 
-// In place of the index of a source: this slot receives none.
+// The value that replaces the index of a source for a slot that receives no copy.
 #define UBS_NO_SOURCE 0xffffffffu
 
-// Sampling weights are integers, o * 2^24 to the nearest, so that their sum is exact and the same in
-// any order. NaN gives weight 0.
+// Returns the weight of a splat for sampling. Weights are integers, o * 2^24 rounded to the nearest, so that their sum
+// is exact and independent of the order. NaN gives weight 0.
 UBS_FN vreal sampling_weight(vreal raw_opacity) {
   vreal opacity = ubs_sigmoid(raw_opacity);
   return opacity > V(0.0) ? ubs_floor(opacity * R(16777216.0) + V(0.5)) : V(0.0);
 }
 
-// Weight of a splat that may be sampled only while alive: 0 marks a dead one (NaN is dead), because
-// the smallest live opacity weighs 83887.
+// Returns the weight of a splat that may be sampled only if it is alive, and 0 for a dead one (NaN counts as dead). The
+// result is unambiguous, because the smallest opacity of a live splat has the weight 83887.
 UBS_FN vreal sampling_weight_alive(vreal raw_opacity) {
   return ubs_sigmoid(raw_opacity) > (vreal)(UBS_OPACITY_DEAD) ? sampling_weight(raw_opacity) : V(0.0);
 }
 
-// New raw opacity of a source and its copies, `parts` = copies + 1 in all, that together absorb what the
-// source did: (1 - o')^parts = 1 - o. As -ln(1 - o) = softplus(raw), this is softplus(raw') = q =
-// softplus(raw) / parts, and its inverse ln(e^q - 1) = q + ln(1 - e^-q) loses nothing for small or large q.
-// A NaN becomes the lower bound.
+// Returns the new raw opacity of a source and of its copies. Together these `parts` = copies + 1 splats absorb as much
+// as the source did: (1 - o')^parts = 1 - o. Since -ln(1 - o) = softplus(raw), this means
+// softplus(raw') = q = softplus(raw) / parts. Its inverse ln(e^q - 1) = q + ln(1 - e^-q) is accurate for small and for
+// large q. NaN gives the lower bound.
 UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   vreal q = ubs_softplus(raw_opacity) / parts;
   vreal raw = q + ubs_log(-ubs_expm1(-q));
@@ -41,7 +41,7 @@ UBS_FN vreal split_raw_opacity(vreal raw_opacity, vreal parts) {
   return ((raw > (vreal)(UBS_RAW_OPACITY_MIN)) & (q >= V(0.0))) ? raw : (vreal)(UBS_RAW_OPACITY_MIN);
 }
 
-// (1 - o)^100 by squaring; 1 - o as sigmoid(-raw), so nothing is lost near o = 1.
+// Returns (1 - o)^100 by repeated squaring. 1 - o is computed as sigmoid(-raw), which is accurate near o = 1.
 UBS_FN vreal noise_gate(vreal raw_opacity) {
   vreal p1 = ubs_sigmoid(-raw_opacity);
   vreal p2 = p1 * p1;
@@ -52,7 +52,7 @@ UBS_FN vreal noise_gate(vreal raw_opacity) {
   return p32 * p32 * p32 * p4;
 }
 
-// Sigma_x (normals * gate * amount) with Sigma_x = M M^T; zero where it is not finite.
+// Returns Sigma_x (normals * gate * amount) with Sigma_x = M M^T, or zero if the result is not finite.
 UBS_FN Vec3 noise_displacement(SpatialFrame frame, vreal raw_opacity, Vec3 normals, real amount) {
   FrameVec turned;
   Vec3 out;

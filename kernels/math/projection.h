@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// World -> camera -> image of a conditional splat (method.md 2.5, 3.2): mean and support ellipse on the
-// image plane, and the gradients back to the mean, the frame M and the shrinkage K (ellipse.h).
+// Projects a splat at its query from the world through the camera to the image (method.md 2.5, 3.2). Forward: the mean
+// and the support ellipse on the image plane. Backward: the gradients of the mean, of the frame M and of the shrinkage
+// K (ellipse.h).
 #pragma once
 
-// Uniform over all splats of a view.
+// The camera of a view. The same for all splats of the view.
 typedef struct {
   real rotation[3][3];  // world -> camera
   real centre[3];
@@ -15,13 +16,14 @@ typedef struct {
 typedef struct {
   Vec3 p;               // conditional mean in the camera frame
   vreal x, y;           // its image [px]
-  vmask clamped_x, clamped_y;  // beyond the frustum, where the linearisation is taken at its limit
-  ImageMap j;           // T = J R_wc: image plane by world
+  vmask clamped_x, clamped_y;  // the mean is outside the frustum, and the linearisation is clamped to its limit
+  ImageMap j;           // T = J R_wc, from the world to the image plane
   Ellipse ellipse;
   vmask valid;
 } Projected;
 
-// r: conditional mean minus camera centre (world axes); m, k: V = M K M^T is the conditional covariance.
+// Projects one splat. r: conditional mean minus camera centre (world axes); m, k: V = M K M^T is the conditional
+// covariance.
 UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   Projected out;
   UBS_UNROLL for (int i = 0; i < 3; ++i)
@@ -54,7 +56,7 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
   }
   out.ellipse = ellipse_on_image(out.j, m, k, cam.eps2d);
   Sym2 cov = out.ellipse.cov;
-  // det = det(T V T^T) + eps (trace(T V T^T) + eps): below the second term where V is indefinite.
+  // det = det(T V T^T) + eps (trace(T V T^T) + eps). It is smaller than the second term if V is indefinite.
   vreal least = (vreal)(UBS_DEFINITE * cam.eps2d) * (cov.a + (cov.c - cam.eps2d));
   out.valid = in_range & (out.ellipse.det > least) & (out.ellipse.det > V(0.0)) & (cov.a > V(0.0)) & (cov.c > V(0.0)) &
               ubs_finite(out.ellipse.det) & ubs_finite(out.x) & ubs_finite(out.y);
@@ -69,22 +71,23 @@ typedef struct {
 typedef struct {
   Vec3 r;  // world axes
   FrameMap m;
-  FrameVec along;  // as in EllipseInputVjp
+  FrameVec along;  // see EllipseInputVjp
   FrameMat k;
 #ifdef UBS_COUPLED_FACTOR
   ShrinkVjp shrink;
 #endif
 #ifdef UBS_CAMERA_GRAD
-  CameraVjp camera;  // without what reaches it through the query
+  CameraVjp camera;  // without the part that goes through the query
 #endif
 } ProjectVjp;
 
 #ifdef UBS_CAMERA_GRAD
-// v_p: gradient of the mean in the camera frame; v_t: of the linearised projection T = J R_wc.
-// A turn w of the camera, R -> (I + [w]) R about its centre, moves p by w x p, and T by J [w] R: v_w = p x v_p plus the
-// skew part of B = J^T (v_T R^T), (B_21 - B_12, B_02 - B_20, B_10 - B_01). A shift u of its frame moves p by u.
-// Row 0 of T is (fx / Z)(R_0 - s R_2) with s = X/Z, or at a limit of the frustum s = (a - cx) / fx + b / fx, where
-// ds/dcx = -1/fx and ds/dfx = -s/fx.
+// v_p: gradient of the mean in the camera frame; v_t: gradient of the linearised projection T = J R_wc.
+// A rotation w of the camera about its centre, R -> (I + [w]) R, moves p by w x p and T by J [w] R. So v_w is p x v_p
+// plus the skew part (B_21 - B_12, B_02 - B_20, B_10 - B_01) of B = J^T (v_T R^T). A translation u of the camera frame
+// moves p by u.
+// Row 0 of T is (fx / Z)(R_0 - s R_2) with s = X/Z. If the slope is clamped at a limit of the frustum, it is instead
+// s = (a - cx) / fx + b / fx, so that ds/dcx = -1/fx and ds/dfx = -s/fx.
 UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, ImageMap v_t, vreal v_x, vreal v_y) {
   CameraVjp out;
   UBS_UNROLL for (int i = 0; i < kCameraGrads; ++i) out.e[i] = V(0.0);
@@ -99,7 +102,7 @@ UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, Image
   focal[0] = cam.fx, focal[1] = cam.fy;
   clamped[0] = f.clamped_x, clamped[1] = f.clamped_y;
   UBS_UNROLL for (int i = 0; i < 2; ++i) {
-    // s from T: (T_i R^T)_2 = -fx s / Z.
+    // Recovers s from T: (T_i R^T)_2 = -fx s / Z.
     vreal along = f.j.e[i][0] * cam.rotation[2][0] + f.j.e[i][1] * cam.rotation[2][1] + f.j.e[i][2] * cam.rotation[2][2];
     mean[i] = f.p.e[i] * inv_z;
     slope[i] = clamped[i] ? -along * z / focal[i] : mean[i];
@@ -120,8 +123,8 @@ UBS_FN CameraVjp project_camera_vjp(CameraView cam, Projected f, Vec3 v_p, Image
 }
 #endif
 
-// v_x, v_y: gradient of the image mean; w: of the ellipse; v_compensation: of the compensation (not looked at
-// without it); v_depth: of the depth (not looked at without UBS_DEPTH_GRAD).
+// v_x, v_y: gradient of the mean in the image; w: gradient of the ellipse; v_compensation: gradient of the blur
+// compensation (only read with UBS_ANTIALIAS); v_depth: gradient of the depth (only read with UBS_DEPTH_GRAD).
 UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected f, vreal v_x, vreal v_y, EllipseVjp w,
                               vreal v_compensation, vreal v_depth) {
   ProjectVjp out;
@@ -132,9 +135,10 @@ UBS_FN ProjectVjp project_vjp(CameraView cam, FrameMap m, FrameMat k, Projected 
 #ifdef UBS_COUPLED_FACTOR
   out.shrink = e.shrink;
 #endif
-  // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]]: X and Y only change the third column, and only inside the frustum. Moving the
-  // splat away from the camera, p -> (1 + e) p, leaves its image where it is and shrinks it as M -> M / (1 + e) does,
-  // inside or clamped: p . v_p = -<v_M, M>. This takes the place of three terms of v_Z that cancel for large splats.
+  // J = f/Z [[1, 0, -X/Z], [0, 1, -Y/Z]]: X and Y change only the third column, and only inside the frustum. Moving the
+  // splat away from the camera, p -> (1 + e) p, keeps the position of its image and shrinks the ellipse as
+  // M -> M / (1 + e) would do. This holds whether or not the slopes are clamped, so that p . v_p = -<v_M, M>. The
+  // equation replaces three terms of v_Z that cancel each other for large splats.
   vreal v_j02 = V(0.0), v_j12 = V(0.0), along = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {
     v_j02 += e.t.e[0][c] * cam.rotation[2][c];

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a splat's alpha o (1 - r)^beta falls to the least that counts (UBS_LEAST_ALPHA): the part of the support that
-// has an effect. Never too small: alphas that rounding lifts above the limit lie inside as well.
+// Computes the squared distance r at which the alpha o (1 - r)^beta of a splat falls to the smallest alpha that
+// contributes (UBS_LEAST_ALPHA). Only the part of the support within this distance affects the image. The result is
+// never too small: it also covers alphas that rounding lifts above the limit.
 #pragma once
 
-// opacity > 0. Beta: r = 1 - (limit / o)^(1 / beta); Gaussian: r = 2 ln(o / limit). At most the support; not above 0
-// where the splat has no effect anywhere. With UBS_OPACITY_EXTENTS only.
+// Requires opacity > 0. Beta: r = 1 - (limit / o)^(1 / beta); Gaussian: r = 2 ln(o / limit). The result is at most
+// UBS_SUPPORT, where the support ends, and 0 or negative if the splat has no effect anywhere. Used only with
+// UBS_OPACITY_EXTENTS.
 UBS_FN vreal splat_reach(vreal opacity, vreal beta) {
-  // The rasteriser computes alpha to 1.1e-5 relative or better (exponent of at most 20 times ln 2 times 7.5e-7,
-  // kernels/math/elementary.h), so that no alpha counts where the exact one is below the limit by more than 2e-5.
+  // The rasteriser computes alpha with a relative error of at most 1.1e-5 (an exponent of at most 20, times ln 2, times
+  // 7.5e-7; see kernels/math/elementary.h). So no alpha contributes if the exact alpha is below the limit by more than
+  // 2e-5.
   real least = (UBS_OPACITY_EXTENTS ? UBS_LEAST_ALPHA : R(1.0)) * (R(1.0) - R(2e-5));
-  real margin = R(4e-6);  // rounding of what follows: 4e-7; Gaussian, where r goes up to 11.1: 2.5e-6
+  real margin = R(4e-6);  // rounding of the following lines: 4e-7; Gaussian, where r is up to 11.1: 2.5e-6
   vreal ratio = ubs_log(opacity * (R(1.0) / least));
   vreal reach = R(2.0) * ratio + margin;
   if (UBS_FALLOFF == UBS_FALLOFF_BETA) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011):
-// random words as a pure function of (seed, iteration, purpose, index). No state, hence the same draws
-// for any thread count and on every device. Lanes are independent indices.
+// The random generator Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC
+// 2011). Its random words are a pure function of (seed, iteration, purpose, index). It has no state, so that any number
+// of threads and any device produce the same random numbers. Lanes are independent indices.
 #pragma once
 
 #if defined(UBS_OPENCL)
@@ -33,7 +33,7 @@ UBS_FN RandomWords philox4x32_10(RandomWords c, unsigned int key0, unsigned int 
   return c;
 }
 
-// seed and iteration as two words each, low word first.
+// Returns four random words. seed and iteration are passed as two words each, low word first.
 UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned int iteration0,
                                 unsigned int iteration1, unsigned int purpose, vuint index) {
   RandomWords counter;
@@ -44,7 +44,7 @@ UBS_FN RandomWords random_words(unsigned int seed0, unsigned int seed1, unsigned
   return philox4x32_10(counter, seed0, seed1);
 }
 
-// In (0, 1); in single precision the largest words round to 1, which random_normals allows.
+// Returns a number in (0, 1). In single precision the largest words round to 1, which random_normals() allows.
 UBS_FN vreal random_uniform(vuint word) {
   return (UBS_TO_VREAL(word) + V(0.5)) * R(2.3283064365386962890625e-10);  // 2^-32
 }
@@ -53,8 +53,8 @@ typedef struct {
   vreal x, y, z, w;
 } RandomNormals;
 
-// Box and Muller: four independent standard normals from four words; none exceeds 6.66 in size
-// (the smallest uniform is 2^-33).
+// Returns four independent standard normals, computed from four words by the method of Box and Muller. No result
+// exceeds 6.66 in magnitude, because the smallest uniform number is 2^-33.
 UBS_FN RandomNormals random_normals(RandomWords words) {
   vreal radius0 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.x)));
   vreal radius1 = ubs_sqrt(V(-2.0) * ubs_log(random_uniform(words.z)));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The spatial "rotation" R from its raw parameters, and its VJP (method.md 2.1, 3.4). Except for
-// quaternions R is a function of a skew matrix A with the axis omega, |omega|^2 = t:
+// The spatial "rotation" R from its raw parameters, and its gradient (method.md 2.1, 3.4). Except for quaternions, R is
+// a function of a skew matrix A with the axis omega; t = |omega|^2:
 //   R = I + f(t) A + g(t) A^2,   taylor1: f = 1, g = 0;  taylor2: f = 1, g = 1/2;
 //   cayley: f = g = 2 / (1 + t);  exp: f = sin(sqrt t)/sqrt t, g = (1 - cos(sqrt t))/t (Rodrigues).
 // Only cayley, exp and quaternion are orthogonal; taylor1 has det R = 1 + t.
@@ -14,7 +14,7 @@ typedef struct {
   vreal e[3][3];
 } Mat3;
 
-// Raw parameters: a0, a1, a2 (plus in the upper triangle of A), or a quaternion w, x, y, z of any length.
+// Raw parameters: a0, a1, a2 (with positive sign in the upper triangle of A), or a quaternion w, x, y, z of any length.
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
 enum { kRotationParams = 4 };
 #else
@@ -27,7 +27,7 @@ typedef struct {
 
 #if UBS_ROT_MODE == UBS_ROT_QUATERNION
 
-// Length below which a quaternion is no longer normalised; its R then tends to I.
+// A quaternion shorter than this is no longer normalised; its R then tends to I.
 #define UBS_QUATERNION_MIN R(1e-12)
 
 UBS_FN vreal quaternion_length(RotationRaw raw) {
@@ -51,7 +51,7 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
   return r;
 }
 
-// Gradient of the unit quaternion u, then of its normalisation: v_q = (v_u - u (u . v_u)) / |q|.
+// Computes the gradient of the unit quaternion u, then that of its normalisation: v_q = (v_u - u (u . v_u)) / |q|.
 UBS_FN RotationRaw rotation_vjp(RotationRaw raw, Mat3 v) {
   vreal inverse = V(1.0) / quaternion_length(raw);
   vreal w = raw.e[0] * inverse, x = raw.e[1] * inverse, y = raw.e[2] * inverse, z = raw.e[3] * inverse;
@@ -96,11 +96,11 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
   return r;
 }
 
-// Its VJP is fused with the scales in covariance.h.
+// The gradient is computed together with that of the scales, in covariance.h.
 
 #else
 
-// f, g and their derivatives to t.
+// f, g and their derivatives with respect to t.
 typedef struct {
   vreal f, g, df, dg;
 } RotationFactors;
@@ -122,8 +122,8 @@ UBS_FN RotationFactors rotation_factors(vreal t) {
     k.dg = k.df;
     return k;
   }
-  // Below t = 1 the closed forms cancel (the derivatives as 1/t); the series sum (-t)^k / (2k+1)! and
-  // sum (-t)^k / (2k+2)! are exact to double precision there with nine terms.
+  // Below t = 1 the closed forms lose digits by cancellation (the derivatives in proportion to 1/t). There the series
+  // sum (-t)^k / (2k+1)! and sum (-t)^k / (2k+2)! are used, which are exact to double precision with nine terms.
   const real odd[9] = {R(1.0),
                        R(0.16666666666666666667),
                        R(0.0083333333333333333333),
@@ -178,7 +178,7 @@ UBS_FN Mat3 rotation_matrix(RotationRaw raw) {
   return r;
 }
 
-// v_A = f v + g (v A^T + A^T v), v_t = f' <v, A> + g' <v, A^2>, and t is the sum of the squares.
+// v_A = f v + g (v A^T + A^T v), v_t = f' <v, A> + g' <v, A^2>, where t is the sum of the squares of the parameters.
 UBS_FN RotationRaw rotation_vjp(RotationRaw raw, Mat3 v) {
   Mat3 a = skew_matrix(raw), v_a;
   RotationFactors k = rotation_factors(skew_square(raw));

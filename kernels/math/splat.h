@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole way of one splat in one view: raw parameters -> what the rasteriser needs, and back.
-// Composes covariance.h, conditional.h (or direct.h), projection.h and colour.h; N is fixed by UBS_N (kernels/layout.h),
-// the form of the method by the macros of kernels/variant.h.
+// The complete path of one splat in one view: from raw parameters to the values that the rasteriser needs, and the
+// gradients back. It combines covariance.h, conditional.h (or direct.h), projection.h and colour.h. UBS_N
+// (kernels/layout.h) sets the number of dimensions N, and the macros of kernels/variant.h select the variant of the
+// method.
 #pragma once
 
 typedef struct {
@@ -15,16 +16,17 @@ typedef struct {
   vreal r, g, b;
   vreal reach;           // r at which the footprint ends
   vreal hx, hy;          // half extents of the footprint [px], with the rounding margin
-  vmask valid;           // to be drawn (if its footprint meets the image)
+  vmask valid;           // visible, provided that its footprint meets the image
 } SplatImage;
 
 typedef struct {
   Vec3 value;       // not negative
-  vmask lit[3];     // > 0 before the cut at 0 and the lobes
+  // Whether the sum of 1/2 and the harmonics is > 0. A negative sum is replaced by 0 before the lobes are added.
+  vmask lit[3];
   ShBasis basis;
 } SplatColour;
 
-// Where a camera sees a splat.
+// The view ray from the camera to a splat.
 typedef struct {
   Vec3 to_splat;   // mu_x - camera centre
   vreal rho;       // its length, at least UBS_RHO_MIN
@@ -41,11 +43,11 @@ typedef struct {
   Slice slice;
 #endif
   Conditional conditional;
-  FrameMap m;      // V = m shrink m^T: the frame and K, or for a strongly coupled splat M W^T and K'
+  FrameMap m;      // V = m shrink m^T: the frame and K; for a strongly coupled splat M W^T and K'
   FrameMat shrink;
 #ifdef UBS_COUPLED_FACTOR
-  vmask coupled;   // as in ThinSplats, and K' within UBS_COUPLED_SHRINK
-  QueryVec below;  // 1 - weight, to its last digit
+  vmask coupled;   // ThinSplats.coupled, and K' within UBS_COUPLED_SHRINK
+  QueryVec below;  // 1 - weight, without cancellation
 #endif
   vreal opacity;   // base opacity o
   SplatColour colour;  // with UBS_COLOUR
@@ -70,7 +72,7 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
     vreal sum = V(0.5);
     UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k) sum += colour.basis.e[k] * raw.e[sh_row(c, k)];
     colour.lit[c] = sum > V(0.0);
-    colour.value.e[c] = colour.lit[c] ? sum : sum < V(0.0) ? V(0.0) : sum;  // a NaN stays one
+    colour.value.e[c] = colour.lit[c] ? sum : sum < V(0.0) ? V(0.0) : sum;  // NaN stays NaN
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) {
     Lobe lobe = splat_lobe(raw, l, direction);
@@ -80,7 +82,8 @@ UBS_FN SplatColour splat_colour(SplatRaw raw, Vec3 direction) {
   return colour;
 }
 
-// The scales of all N dimensions before clamps: one chain after the other costs more than all of them side by side.
+// Returns the scales of all N dimensions before clamping. They are computed together, which is faster than one chain of
+// dependent instructions after the other.
 UBS_FN Several splat_scales(SplatRaw raw) {
   Several scales;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) scales.e[i] = raw.e[kRowScale + i];
@@ -97,14 +100,15 @@ UBS_FN FrameVec splat_frame_scales(SplatRaw raw) {
 #define UBS_QUERY_SCALE_LEAST (UBS_COV_MODE == UBS_COV_WHITEN ? UBS_QUERY_SCALE_WHITEN : UBS_QUERY_SCALE_RELATIVE)
 
 #if UBS_COV_PARAM == UBS_COV_SKEW_ND
-// Entry (i, j) of I + A, plus in the upper triangle.
+// Returns entry (i, j) of I + A, where the parameters have a positive sign in the upper triangle.
 UBS_FN vreal splat_query_entry(SplatRaw raw, int row, int j) {
   return j < row ? -raw.e[kRowL + UBS_TRIANGLE(row, j < row ? j : 0)]
                  : j == row ? V(1.0) : raw.e[kRowL + UBS_TRIANGLE(j > row ? j : 1, j > row ? row : 0)];
 }
 
-// Scales of skew_nd with those of query columns at least UBS_QUERY_SCALE_LEAST of the rest of their rows of
-// (I + A) diag(s), and spatial ones at least UBS_SKEW_MOTION_RELATIVE of the query columns of theirs, s the scales before.
+// Returns the scales of skew_nd after raising them to their lower bounds. The scale of a query column is at least
+// UBS_QUERY_SCALE_LEAST times the rest of its row of (I + A) diag(s). A spatial scale is at least
+// UBS_SKEW_MOTION_RELATIVE times the query columns of its row. Here s are the scales before raising.
 #define UBS_SKEW_LEAST(row) ((row) < 3 ? UBS_SKEW_MOTION_RELATIVE : UBS_QUERY_SCALE_LEAST)
 UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   FrameVec out = scale;
@@ -119,8 +123,8 @@ UBS_FN FrameVec skew_scales(SplatRaw raw, FrameVec scale) {
   return out;
 }
 
-// Gradient of the scales of skew_scales, in `out`, -> of those before. A lifted scale k |row| has no gradient of its own:
-// entry j of the row gets v k^2 entry / (k |row|).
+// Turns the gradient of the result of skew_scales(), which is in `out`, into that of its input. A raised scale k |row|
+// has no gradient of its own. Instead, entry j of the row gets v k^2 entry / (k |row|).
 UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, FrameVec used) {
   FrameVec v_used;
   UBS_UNROLL for (int i = 0; i < UBS_N; ++i) {
@@ -143,17 +147,19 @@ UBS_FN SplatRaw skew_scales_vjp(SplatRaw out, SplatRaw raw, FrameVec scale, Fram
 #endif
 
 #if UBS_C > 0
-// Squared length of query row i of [Lqx, Lq] without its scale.
+// Returns the squared length of query row i of [Lqx, Lq] without its scale.
 UBS_FN vreal query_row_square(SplatRaw raw, int i) {
   vreal square = V(0.0);
-  // Of constant length: a loop that is not unrolled keeps a copy of `raw` in memory.
+  // The loop has constant length, because the compiler would keep a copy of `raw` in memory for a loop that is not
+  // unrolled.
   UBS_UNROLL for (int j = 0; j < 2 + UBS_C; ++j)
     if (j < i + 3) square += raw.e[kRowL + UBS_TRIANGLE(i + 3, j)] * raw.e[kRowL + UBS_TRIANGLE(i + 3, j)];
   return square;
 }
 
-// What rounding has taken from the unit vector d of w, rho = |w|: the rests of the divisions, and the part by which rho is
-// not the length. Query minus mean is to be seen against the scale, of a thin splat a hundredth of its row.
+// Returns what must be added to the rounded unit vector d of w, where rho = |w|: the remainders of the divisions, and a
+// correction for the rounding error of rho. This matters because the difference of query and mean is compared with the
+// query scale, which for a thin splat is a hundredth of its row.
 UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   Vec3 rest;
   vreal beyond = ubs_fma(d.e[0], d.e[0], V(-1.0));  // |w / rho|^2 - 1
@@ -166,10 +172,10 @@ UBS_FN Vec3 direction_rest(Vec3 w, vreal rho, Vec3 d) {
   return rest;
 }
 
-// Weights that are parameters of their own: nothing else has the raw values then.
+// True if the weights are parameters of their own. In that case the raw values serve no other purpose.
 enum { kLearntWeights = UBS_DIRECT ? UBS_BETA_OPACITY != UBS_BETA_OPACITY_TANH : 0 };
 
-// rest: of the direction, looked at where `thin`.
+// rest: rounding error of the direction, only read if `thin`.
 UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame frame, Vec3 direction, Vec3 rest,
                                     int thin) {
   SliceInput in;
@@ -203,13 +209,15 @@ UBS_FN SliceInput splat_slice_input(CameraView cam, SplatRaw raw, SpatialFrame f
 }
 #endif
 
-// Splats with a query scale that is a small part of its row, or a spatial one that is a small part of the largest. They are
-// few in ordinary models, and what they need costs the others a third of project_backward when it stands in the same code.
+// Marks splats with a query scale that is a small fraction of its row, or with a spatial scale that is a small fraction
+// of the largest. Such splats are rare in ordinary models. They have code of their own, because handling them in the
+// same code makes project_backward a third slower for all others.
 typedef struct {
-  vmask lifted;   // a scale is below its least (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
-  vmask coupled;  // a query scale is below UBS_COUPLED_RELATIVE of its row, and all such have weights above
-                  // 1 - UBS_COUPLED_WEIGHT: the conditional covariance may come from its factor (conditional.h);
-                  // direct: a precision above UBS_DIRECT_SHARP
+  vmask lifted;   // a scale is below its lower bound (UBS_QUERY_SCALE_LEAST, UBS_SCALE_LEAST)
+  // A query scale is below UBS_COUPLED_RELATIVE of its row, and all dimensions with such a scale have weights above
+  // 1 - UBS_COUPLED_WEIGHT, so that the conditional covariance may be computed from its factor (conditional.h). With
+  // direct conditioning: a precision is above UBS_DIRECT_SHARP.
+  vmask coupled;
 } ThinSplats;
 
 UBS_FN ThinSplats splat_thin(SplatRaw raw) {
@@ -244,13 +252,13 @@ UBS_FN ThinSplats splat_thin(SplatRaw raw) {
 }
 
 #ifdef UBS_COUPLED_FACTOR
-// 1 - exp(b) for b < 0.
+// Returns 1 - exp(b) for b < 0.
 UBS_FN vreal weight_below_one(vreal b) {
   vreal near = -b * (V(1.0) + b * (V(0.5) + b * (V(0.16666667) + b * V(0.041666667))));  // relative error 7e-9 at -0.03
   return b > V(-0.03) ? near : V(1.0) - ubs_exp(b);
 }
 
-// The frame and the shrinkage of the strongly coupled lanes; all others keep theirs.
+// Sets the frame and the shrinkage of the lanes with strongly coupled splats; the other lanes keep theirs.
 UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
   CoupledFactor factor = coupled_factor(s.slice_in);
   UBS_UNROLL for (int i = 0; i < UBS_C; ++i) {
@@ -263,7 +271,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
     UBS_UNROLL for (int r = 0; r < 3; ++r) largest += ubs_fabs(shrink.e[r][c]);
   s.coupled = splat_thin(raw).coupled & (largest < (vreal)(UBS_COUPLED_SHRINK));
 #if UBS_VW == 1
-  if (s.coupled) {  // takes fewer registers than choices do: AMD's gfx90a 117 instead of 141
+  if (s.coupled) {  // needs fewer registers than selections: 117 instead of 141 on AMD's gfx90a
     s.m = coupled_frame(s.frame.m, factor);
     s.shrink = shrink;
   }
@@ -279,7 +287,7 @@ UBS_FN SplatState splat_couple(SplatRaw raw, SplatState s) {
 }
 #endif
 
-// o_q / o without the blur compensation.
+// Returns o_q / o without the blur compensation.
 UBS_FN vreal splat_attenuation(Conditional conditional) {
   if (UBS_C == 0) return V(1.0);
   return UBS_BETA_OPACITY == UBS_BETA_OPACITY_NONE ? V(1.0) : exp_falling(conditional.log_factor);
@@ -295,8 +303,9 @@ UBS_FN Sight splat_sight(CameraView cam, SplatRaw raw) {
   return s;
 }
 
-// To be called before it is known whether splats are thin: the root and the divisions are done by the time they are
-// needed. One lane (GPUs) computes them in splat_state() in its place, with fewer registers.
+// Computes the view ray early, before it is known whether there are thin splats among the lanes, so that the root and
+// the divisions are finished when they are needed. With one lane (GPUs), splat_state() computes it instead, which takes
+// fewer registers.
 UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
   Sight none;
   if (UBS_VW > 1) return splat_sight(cam, raw);
@@ -305,7 +314,8 @@ UBS_FN Sight sight_ahead(CameraView cam, SplatRaw raw) {
   return none;
 }
 
-// sight: sight_ahead(); thin: whether thin splats may be among the lanes, a constant.
+// Computes the intermediate values. sight: result of sight_ahead(); thin: a constant that says whether there may be
+// thin splats among the lanes.
 UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thin) {
   SplatState s;
   s.frame_raw = splat_frame_raw(raw);
@@ -340,7 +350,7 @@ UBS_FN SplatState splat_state(CameraView cam, SplatRaw raw, Sight sight, int thi
   }
 #endif
 
-  // Relative to the camera from the start: nothing is lost for scenes far from the origin.
+  // The mean relative to the camera, so that scenes far from the origin lose no accuracy.
   Vec3 r;
   UBS_UNROLL for (int i = 0; i < 3; ++i) {
     r.e[i] = sight.to_splat.e[i];
@@ -380,22 +390,22 @@ UBS_FN SplatImage splat_image(SplatRaw raw, SplatState s) {
   out.reach = UBS_OPACITY_EXTENTS ? splat_reach(out.opacity, out.beta) : (vreal)(UBS_SUPPORT);
   out.hx = ubs_sqrt(out.reach * s.projected.ellipse.cov.a) + (vreal)(UBS_FOOTPRINT_MARGIN);
   out.hy = ubs_sqrt(out.reach * s.projected.ellipse.cov.c) + (vreal)(UBS_FOOTPRINT_MARGIN);
-  // An opacity of exactly zero (underflow far from the splat's query) draws nothing and has no gradient.
+  // A splat with an opacity of exactly zero (underflow far from the splat's query) renders nothing and has no gradient.
   out.valid = s.projected.valid & (out.opacity > (vreal)(UBS_ALPHA_MIN));
   out.valid = out.valid & (out.reach > V(0.0)) & ubs_finite(out.beta) & ubs_finite(out.conic.l00) &
               ubs_finite(out.conic.l01) & ubs_finite(out.conic.l11) & ubs_finite(out.r + out.g + out.b);
   return out;
 }
 
-// Gradient of the loss to what the rasteriser used.
+// Gradient of the loss with respect to the values that the rasteriser used.
 typedef struct {
   vreal x, y;
   EllipseVjp ellipse;
   vreal opacity, beta, r, g, b;
-  vreal depth;  // not looked at without UBS_DEPTH_GRAD
+  vreal depth;  // only read with UBS_DEPTH_GRAD
 } SplatImageVjp;
 
-// What splat_vjp() gives: the gradient of the parameters, or with UBS_CAMERA_GRAD that of the camera in its place.
+// Result of splat_vjp(): the gradient of the parameters, or with UBS_CAMERA_GRAD that of the camera instead.
 #ifdef UBS_CAMERA_GRAD
 typedef CameraVjp SplatVjp;
 #else
@@ -403,7 +413,8 @@ typedef SplatRaw SplatVjp;
 #endif
 
 #if UBS_C > 0
-// Gradients of the slice's inputs -> of the raw parameters, in `out`; the direction's part is left to the caller.
+// Turns the gradients of the slice's inputs into those of the raw parameters, in `out`. The caller handles the part
+// that goes through the direction.
 UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, SliceInput in, SliceVjp q, int thin) {
   (void)frame;
   (void)in;
@@ -422,7 +433,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
       if (j < row) out.e[kRowL + UBS_TRIANGLE(row, j)] = q.b[i][j];
     out.e[kRowScale + row] = q.b[i][row] * ubs_sigmoid(raw.e[kRowScale + row]);
     if (!UBS_DIRECT && thin) {
-      // A lifted scale s = k |row| has no gradient; that of the row gets v_s ds/drow = v_s k^2 row / s.
+      // A raised scale s = k |row| has no gradient of its own. Instead the row gets v_s ds/drow = v_s k^2 row / s.
       vmask lifted = in.b[i][row] > splat_scales(raw).e[row];
       vreal v_row = q.b[i][row] * (vreal)(UBS_QUERY_SCALE_LEAST * UBS_QUERY_SCALE_LEAST) / in.b[i][row];
       UBS_UNROLL for (int j = 0; j < 3 + UBS_C; ++j)
@@ -433,7 +444,7 @@ UBS_FN SplatRaw splat_slice_vjp(SplatRaw out, SplatRaw raw, SpatialFrame frame, 
 #endif
     out.e[kRowMean + i] = -q.x.e[i];
     if (kHasQueryBeta) {
-      // Strict b < 0: at the saturation point of the weight the published slope is 0.
+      // The comparison b < 0 is strict: at b = 0, where the weight saturates, the published slope is 0.
       vreal bq = UBS_BETA_COND == UBS_BETA_COND_ON ? raw.e[kRowQueryBeta + i] : V(0.0);
       vreal v_beta = bq < V(0.0) ? in.weight.e[i] * q.weight.e[i] : V(0.0);
       if (kLearntWeights) v_beta = in.weight.e[i] * (V(1.0) - in.weight.e[i]) * q.weight.e[i];
@@ -450,7 +461,8 @@ UBS_FN vreal splat_lobe_weight(SplatRaw raw, int l, Vec3 v) {
          v.e[2] * lobe_colour(raw.e[lobe_row(2, l)]);
 }
 
-// v: of the colour; v_lit: of the part below the cut.
+// Returns the gradient of the direction. v: gradient of the colour; v_lit: the same, but zero in the channels whose
+// harmonics are cut off at 0.
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec3 v_lit) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)
@@ -482,7 +494,7 @@ UBS_FN SplatRaw splat_lobe_vjp(SplatRaw out, SplatRaw raw, int l, Vec3 d, Vec3 v
 UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageVjp v, int thin) {
   SplatState s = splat_state(cam, raw, sight, thin);
   SplatRaw out;
-  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // entries gather from both halves of L
+  if (UBS_COV_PARAM == UBS_COV_SKEW_ND)  // start at 0: entries are added from both halves of L
     UBS_UNROLL for (int k = 0; k < kRowCount; ++k) out.e[k] = V(0.0);
   Vec3 v_colour;
   v_colour.e[0] = v.r;
@@ -496,7 +508,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
       out.e[sh_row(c, k)] = s.colour.basis.e[k] * v_lit.e[c];
   }
   UBS_UNROLL for (int l = 0; l < UBS_LOBES; ++l) out = splat_lobe_vjp(out, raw, l, s.sight.direction, v_colour);
-  if (kHasSpatialBeta) {  // d 4exp(b)/db is itself; beyond the clamp there is none
+  if (kHasSpatialBeta) {  // d 4exp(b)/db is 4exp(b); above the clamp it is 0
     vreal raw_beta = raw.e[kRowBeta];
     out.e[kRowBeta] = raw_beta < (vreal)(UBS_BETA_RAW_MAX) ? v.beta * V(4.0) * ubs_exp(raw_beta) : V(0.0);
   }
@@ -507,7 +519,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
   }
   out.e[kRowOpacity] = v.opacity * factor * s.opacity * ubs_sigmoid(-raw.e[kRowOpacity]);
 
-  // mu_c = mu_x + M k besides the covariance: v_k = M^T v_mu, v_M += v_mu k^T.
+  // In addition to the covariance, M occurs in mu_c = mu_x + M k: v_k = M^T v_mu, v_M += v_mu k^T.
   ProjectVjp p = project_vjp(cam, s.m, s.shrink, s.projected, v.x, v.y, v.ellipse, v_compensation, v.depth);
 #ifdef UBS_COUPLED_FACTOR
   CoupledVjp factor_vjp;
@@ -526,7 +538,7 @@ UBS_FN SplatVjp splat_vjp(CameraView cam, SplatRaw raw, Sight sight, SplatImageV
   FrameMap v_m = p.m;
   FrameVec stretch = p.along;
 #if UBS_C > 0 && UBS_DIRECT
-  // mu_c = mu_x + s k with the mean scale s.
+  // mu_c = mu_x + s k, where s is the mean scale.
   FrameVec v_k;
   vreal scale = mean_scale(s.frame.scale), v_scale_third = V(0.0);
   UBS_UNROLL for (int c = 0; c < 3; ++c) {

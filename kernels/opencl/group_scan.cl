@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Helpers of group kernels: sums over the 256 work-items of a group through local memory. No sub-groups:
-// their width is unknown, and PoCL has none. UBS_SUM is the type of the sum (wraps like any unsigned type).
+// Helpers of kernels with work-groups: sums over the 256 work-items of a group through local memory. Sub-groups are not
+// used, because their width is unknown and PoCL does not have them. UBS_SUM is the type of the sum; overflow wraps as
+// for any unsigned type.
 #pragma once
 
 enum { kGroup = 256 };
 
-// Room in local memory that a sum needs: a row of 16 values is one element longer, so that rows begin in different banks;
-// then the sums of the rows.
+// Size of the local memory that a sum needs. Rows of 16 values are stored with a pitch of 17, so that they start in
+// different banks; the sums of the rows follow.
 enum {
   kScanRow = 16,
   kScanRows = kGroup / kScanRow,
   kScanRoom = kGroup + 2 * kScanRows,
 };
 
-// Functions with barriers must be inlined by force, as UBS_FN are: PoCL 3.1 leaves one that is called twice as a call,
-// whose barriers then do nothing (measured: a block sort that returned its input).
+// Functions with barriers must be inlined, as all UBS_FN are. PoCL 3.1 compiles a function with two callers as a call,
+// and barriers in it then have no effect (measured: a block sort returned its input unchanged).
 
-// Sum of the values of all work-items before this one; *total: of all. Every work-item must call it,
-// and `scratch` (kScanRoom elements) is free again when it returns.
+// Returns the sum of the values of all work-items before this one; *total is the sum of all. Every work-item must call
+// it. `scratch` (kScanRoom elements) may be used again after it returns.
 UBS_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM* total) {
   const uint me = (uint)get_local_id(0), row = me / kScanRow;
   __local UBS_SUM* rows = scratch + kGroup + kScanRows;
@@ -44,7 +45,7 @@ UBS_FN UBS_SUM group_exclusive(UBS_SUM value, __local UBS_SUM* scratch, UBS_SUM*
   return before;
 }
 
-// sums[0] + ... + sums[count - 1], the same for all work-items.
+// Returns sums[0] + ... + sums[count - 1] in all work-items.
 UBS_FN UBS_SUM sum_before(__global const UBS_SUM* sums, uint count, __local UBS_SUM* scratch) {
   UBS_SUM mine = 0, total;
   for (uint k = (uint)get_local_id(0); k < count; k += kGroup) mine += sums[k];

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lanes of a vmask as bits: for PoCL one or two instructions of its compiler, elsewhere a tree of ORs.
+// Conversion of the lanes of a vmask to bits. With PoCL this is one or two compiler built-ins, otherwise a tree of ORs.
 #pragma once
 
-// Bit i of the result: lane i is true.
+// Returns the lanes as bits: bit i is set if lane i is true.
 #if UBS_VW == 1
 UBS_FN uint lane_bits(vmask m) { return m != 0; }
 #elif UBS_VW == 16
@@ -36,7 +36,7 @@ UBS_FN uint lane_bits(vmask m) {
 }
 #endif
 
-// Index of the lowest bit that is set; bits must not be 0.
+// Returns the index of the lowest set bit; bits must not be 0.
 #ifdef UBS_POCL  // one instruction instead of four
 UBS_FN int lowest_bit(ulong bits) { return __builtin_ctzl(bits); }
 UBS_FN int lowest_bit32(uint bits) { return __builtin_ctz(bits); }

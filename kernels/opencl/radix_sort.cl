@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// One pass of a least-significant-digit radix sort for GPUs: 8 bits a pass, one group a block of
-// kRadixBlock elements. Histogram of (digit, block) -> prefix sums along its rows -> scatter.
-// Stable: ranks inside a block come from prefix sums in element order, never from the order of atomics.
+// One pass of a least-significant-digit radix sort for GPUs, with 8 bits per pass. One work-group processes a block of
+// kRadixBlock elements. Order of the kernels: histogram of (digit, block) -> prefix sums along its rows -> scatter.
+// The sort is stable: ranks inside a block come from prefix sums in element order and never depend on the order of
+// atomics.
 enum {
   kRadixItems = 8,
   kRadixBlock = kGroup * kRadixItems,
-  kRadixBins = 256,  // one a work-item
+  kRadixBins = 256,  // one per work-item
   kNibble = 16,
 };
 
-// Atomics only count here, and counts do not depend on order.
+// Atomics are only used to count; counts do not depend on the order.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogram(
     __global const uint* keys, uint most, __global const uint* counted, uint shift, __global uint* histogram) {
   const uint count = listed(most, counted);
@@ -24,7 +25,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogra
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
-// One group a digit: exclusive prefix sum of its row, and its total.
+// One work-group processes one digit: it computes the exclusive prefix sums of the digit's row, and its total.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
     __global uint* histogram, uint blocks, __global uint* totals) {
   __local uint scratch[kScanRoom];
@@ -41,9 +42,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
   if (me == 0) totals[get_group_id(0)] = running;
 }
 
-// Stable sort of the block's entries (digit << 16 | place in the block) by four bits of them. Each work-item
-// owns kRadixItems consecutive entries and a counter per nibble; a prefix sum over the counters in
-// (nibble, work-item) order gives every entry its rank.
+// Sorts the entries of a block (digit << 16 | place in the block) by four of their bits; the sort is stable. Each
+// work-item has kRadixItems consecutive entries and one counter per nibble. A prefix sum over the counters in the order
+// (nibble, work-item) gives the rank of every entry.
 UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local uint* scratch,
                              uint shift) {
   const uint me = (uint)get_local_id(0);
@@ -69,9 +70,10 @@ UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local 
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-// offsets, totals: of radix_rows. The block is brought into digit order in local memory first (by low, then
-// high nibble; only digit and place move, keys and payloads are fetched from the block, which the cache
-// still holds), so that equal digits leave as one run. Second payload: both pointers or neither.
+// offsets, totals: results of radix_rows. The block is first sorted by digit in local memory, by the low nibble and
+// then by the high one, so that equal digits are written as one run. Only digit and place move there; keys and payloads
+// are read from the block, which is still in the cache. The second payload is optional: both of its pointers are given
+// or both are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
     __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,
@@ -83,13 +85,13 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
   __local uint destination[kRadixBins];  // global offset of the digit minus its first place in the block
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * kRadixBlock;
-  if (begin >= count) return;  // bounded
+  if (begin >= count) return;  // with `counted`: beyond the number of elements
   const uint size = (uint)min((size_t)kRadixBlock, count - begin);
 
   destination[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint i = me; i < kRadixBlock; i += kGroup) {
-    // Padding takes the largest digit and stands behind all real entries: it sorts to the end.
+    // Padding gets the largest digit and comes after all real entries, so it is sorted to the end.
     const uint digit = i < size ? (keys[begin + i] >> shift) & 0xffu : 0xffu;
     entries[i] = digit << 16 | i;
     if (i < size) atomic_inc(&destination[digit]);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rasteriser for CPUs: one work-item is one 16x16 tile, without barriers. Pixels are handled in blocks of
-// 4x4 as vectors of UBS_VW lanes (16 / UBS_VW parts a block), splats in chunks of 64: per chunk each block
-// gets the set of splats whose ellipse reaches it as one 64-bit word, then blends only those. Forward also
-// stores which open blocks of the tile a splat reaches; backward visits only these. Without UBS_UNROLL loops
-// over parts copy visits by calls of memcpy: twice the time on 8 lanes. Structure and its measurements:
-// docs/performance.md.
+// Rasteriser for CPUs. One work-item processes one tile of 16x16 pixels, without barriers. Pixels are processed in
+// blocks of 4x4 as vectors of UBS_VW lanes (16 / UBS_VW parts per block), and splats in chunks of 64. For each chunk,
+// each block gets the set of splats whose ellipse reaches it as one 64-bit word, and then blends only these. The
+// forward pass also stores which open blocks of the tile a splat reaches; the backward pass visits only these. Loops
+// over parts have UBS_UNROLL, because otherwise visits are copied by calls of memcpy, which takes twice the time on 8
+// lanes. docs/performance.md describes the structure and its measurements.
 
 enum {
   kBlock = 4,
@@ -12,21 +12,23 @@ enum {
   kBlocks = kBlocksX * kBlocksX,
   kParts = kBlock * kBlock / UBS_VW,
 };
-// Tuned constants (host/opencl/opencl_tuning.cpp). A chunk is whole vectors and at most the 64 bits of a word.
+// Tuned constants (host/opencl/opencl_tuning.cpp). A chunk consists of whole vectors, and has at most the 64 splats
+// that fit into a word.
 #ifndef UBS_CHUNK
 #define UBS_CHUNK 64
 #endif
-// Splats ahead of the current one whose cache lines backward asks for.
+// The backward pass prefetches the cache lines of the splat that is this many entries ahead.
 #ifndef UBS_PREFETCH_DISTANCE
 #define UBS_PREFETCH_DISTANCE 12
 #endif
 
-// Left to itself PoCL hands each thread runs of neighbouring groups, the first of them a quarter to half of
-// all. Tiles are then scattered over the groups, so that no run is the heavy middle of the image (200x200:
-// 10% less time). Where cores take groups of their own, each has rows of the image and begins in its middle:
-// what is left to even out, light tiles.
+// The order of the tiles. By default PoCL gives each thread runs of consecutive work-groups, and the first run is a
+// quarter to a half of all. Therefore the tiles are scattered over the groups, so that no run is the expensive middle
+// of the image (10 % less time for 200x200). If cores choose their groups themselves (opencl/core_groups.h), each core
+// has rows of the image and starts in the middle of the image, so that cheap tiles remain at the end to balance the
+// load.
 #ifndef UBS_SCATTER
-#define UBS_SCATTER 31  // prime, or 1 for rows of tiles from the middle
+#define UBS_SCATTER 31  // a prime; or 1 for rows of tiles, starting in the middle
 #endif
 UBS_FN int tile_of_group(uint group, uint tiles) {
 #if UBS_SCATTER == 1
@@ -36,10 +38,10 @@ UBS_FN int tile_of_group(uint group, uint tiles) {
 #endif
 }
 
-// Centre of a block column or row relative to the tile's corner.
+// Returns the centre of a column or row of blocks relative to the tile's corner.
 UBS_FN float block_centre(int i) { return (float)(i * kBlock) + 0.5f * kBlock; }
 
-// Pixel centres of part `part` of a block, relative to the block's corner.
+// Return the pixel centres of part `part` of a block, relative to the block's corner.
 UBS_FN vreal part_x(int part) {
   float x[UBS_VW];
   for (int lane = 0; lane < UBS_VW; ++lane) x[lane] = (float)((part * UBS_VW + lane) % kBlock) + 0.5f;
@@ -51,8 +53,8 @@ UBS_FN vreal part_y(int part) {
   return UBS_LOAD(y);
 }
 
-// Pixel centres of a tile's block columns and rows; one table for both directions, because backward must
-// repeat the alpha of forward to the bit.
+// Pixel centres of a tile's block columns and rows. Both passes use the same table, because backward must compute
+// alphas that are bit-identical to those of forward.
 typedef struct {
   vreal x[kBlocksX][kParts], y[kBlocksX][kParts];
 } Centres;
@@ -78,7 +80,7 @@ UBS_FN void load_block(vreal* parts, __global const float* plane, int pitch) {
   for (int part = 0; part < kParts; ++part) parts[part] = UBS_LOAD(pixels + part * UBS_VW);
 }
 
-// 1 for pixels of the image, 0 for those of the padding, which are closed from the start.
+// Returns 1 for pixels of the image, and 0 for those of the padding, which are closed from the start.
 UBS_FN vreal initial_open(int part, int left, int top, int width, int height) {
   vreal x = part_x(part) + (float)left;
   vreal y = part_y(part) + (float)top;
@@ -98,7 +100,7 @@ UBS_FN BlendSplat load_blend_splat(__global const float* record) {
   return s;
 }
 
-// One chunk of splats of a tile, and the words of the blocks.
+// One chunk of a tile's splats, and the words of the blocks.
 typedef struct {
   __global const float* lines[UBS_CHUNK];  // records
   vreal x[UBS_CHUNK / UBS_VW], y[UBS_CHUNK / UBS_VW];
@@ -108,8 +110,8 @@ typedef struct {
   ulong hits[kBlocks];               // per block: bit k is set if splat k reaches it
 } Chunk;
 
-// Finds the records and asks for those of the next chunk. Lanes up to the end of a vector are filled with a
-// splat that reaches nothing.
+// Loads the records of a chunk, and prefetches those of the next chunk. The remaining lanes of the last vector are
+// filled with a splat that reaches nothing.
 UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global const uint* ids, int count,
                          int ahead, float left, float top) {
   for (int k = 0; k < count; ++k) {
@@ -131,8 +133,8 @@ UBS_FN void gather_chunk(Chunk* chunk, __global const float* records, __global c
   }
 }
 
-// Costs 15 vector instructions for 16 splats and a block; leaves 1.5% of visits without effect (boxes of the
-// footprints: 40%).
+// Determines which blocks the splats of a chunk reach. This takes 15 vector instructions for 16 splats and one block.
+// 1.5 % of the visits then have no effect (with the bounding boxes of the footprints: 40 %).
 UBS_FN void cull_chunk(Chunk* chunk, int count) {
   for (int block = 0; block < kBlocks; ++block) chunk->hits[block] = 0;
   for (int group = 0; group * UBS_VW < count; ++group) {
@@ -155,14 +157,14 @@ UBS_FN void cull_chunk(Chunk* chunk, int count) {
   }
 }
 
-// A splat at the pixels of a block, begun (blend_begin) and not yet ended.
+// The visit of a splat to the pixels of a block: blend_begin() has been called, blend_end() has not.
 typedef struct {
   __global const float* record;
   BlendAlpha alpha[kParts];
 } Visit;
 
-// The record is read anew for each block: as vectors held over a loop its values would push sums out of the
-// registers.
+// The record is read again for each block. If its values were kept as vectors during a loop, they would displace sums
+// from the registers.
 UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vreal* y) {
   Visit visit;
   visit.record = record;
@@ -174,7 +176,7 @@ UBS_FN Visit begin_visit(__global const float* record, const vreal* x, const vre
 
 // State of a block's pixels while splats are blended.
 typedef struct {
-  vreal open[kParts];  // transmittance while the pixel goes on, 0 afterwards
+  vreal open[kParts];  // transmittance while the pixel is open, 0 afterwards
   vreal left[kParts];  // transmittance
   vreal r[kParts], g[kParts], b[kParts];
   vreal depth[kParts], weight[kParts];  // with UBS_DEPTH
@@ -196,11 +198,11 @@ UBS_FN void blend_visit(PixelBlock* pixels, Visit visit) {
   }
 }
 
-// Blends the chunk's splats that reach a block, one at least. Returns whether any pixel of the block is still
-// open; that is asked once a chunk, because one question a splat makes the loop wait for each result (three
-// times slower), and a closed block only wastes the rest of its chunk. A splat is begun before the one in
-// front of it is ended: its logarithm and the power of the other do not wait for each other, and each is as
-// long a chain as the CPU can look ahead (15% less time).
+// Blends those splats of the chunk that reach a block (at least one). Returns whether any pixel of the block is still
+// open. This is tested once per chunk, because a test per splat would make the loop wait for each result (three times
+// slower), and a closed block only wastes the rest of its chunk.
+// Each visit starts before the previous one is finished. Then the logarithm of one splat and the power of the other do
+// not wait for each other; each is a chain about as long as the CPU can look ahead (15 % less time).
 UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centres* centres, int block) {
   PixelBlock pixels = *block_pixels;
   const vreal *x = centres->x[block % kBlocksX], *y = centres->y[block / kBlocksX];
@@ -218,7 +220,7 @@ UBS_FN int blend_block(PixelBlock* block_pixels, const Chunk* chunk, const Centr
   return ubs_any_lane(going);
 }
 
-// The tile of a work-item: its corner and the place of its lists.
+// The tile of a work-item: its corner, and the place of its list.
 typedef struct {
   int left, top, width, height;  // corner of the tile, size of the image [px]
   int pitch, plane;
@@ -245,7 +247,7 @@ UBS_FN int block_corner(Tile tile, int block) {
   return block_top(tile, block) * tile.pitch + block_left(tile, block);
 }
 
-// Returns the bits of the blocks that have pixels of the image.
+// Initialises the pixels. Returns the bits of the blocks that contain pixels of the image.
 UBS_FN uint start_pixels(PixelBlock* pixels, Tile tile) {
   uint alive = 0;
   for (int block = 0; block < kBlocks; ++block) {
@@ -312,7 +314,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_forward(
 
 #if !UBS_FORWARD_ONLY
 #if UBS_VW > 1
-// Sums over parts of the lanes of four vectors, as (a, b, c, d) in each four lanes.
+// Sums each of four vectors within each group of four lanes. Each group of the result contains the sums (a, b, c, d).
 UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
   vreal ab = unpack_low(a, b) + unpack_high(a, b);
   vreal cd = unpack_low(c, d) + unpack_high(c, d);
@@ -321,7 +323,7 @@ UBS_FN vreal interleave_four(vreal a, vreal b, vreal c, vreal d) {
 #endif
 
 #if UBS_VW < 16
-// Sums over all lanes of four vectors.
+// Returns the sums over all lanes of four vectors.
 UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 #if UBS_VW == 1
   return (float4)(a, b, c, d);
@@ -334,9 +336,9 @@ UBS_FN float4 fold_four(vreal a, vreal b, vreal c, vreal d) {
 }
 #endif
 
-// Sums over the pixels of a tile, in the order of kGrad*; slot_sum.cl makes a gradient of them. At 16 lanes
-// the three groups of four are folded together: 31 instead of 39 instructions, and one store instead of four
-// (backward 4% faster). What follows the ten sums is of no meaning.
+// Returns the sums over the pixels of a tile, in the order of kGrad*; slot_sum.cl turns them into a gradient. With 16
+// lanes the three groups of four are folded together: 31 instead of 39 instructions, and one store instead of four
+// (backward 4 % faster). The values after the ten sums have no meaning.
 UBS_FN float16 fold_sums(BlendSums s) {
 #if UBS_VW == 16
   float16 first = interleave_four(s.hp, s.hq, s.hpp, s.hpq);
@@ -352,14 +354,14 @@ UBS_FN float16 fold_sums(BlendSums s) {
 #endif
 }
 
-// A block's pixels in backward: where they are, and what is left of them. All in one place, so that one
-// address does.
+// The pixels of a block in the backward pass: their positions and the state of blending. They are in one struct, so
+// that one address is enough.
 typedef struct {
   vreal x[kParts], y[kParts];
   vreal open[kParts];
-  vreal remaining[kParts];  // v_pixel . colour that is still to come
+  vreal remaining[kParts];  // v_pixel . (colour of the splats not yet visited)
   vreal v_r[kParts], v_g[kParts], v_b[kParts];
-  vreal unused[kParts];  // to a power of two
+  vreal unused[kParts];  // pads the struct to a power of two
 } Gradients;
 
 UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* image,
@@ -386,7 +388,7 @@ UBS_FN void start_gradients(Gradients* blocks, Tile tile, __global const float* 
   }
 }
 
-// Ends a visit.
+// Finishes a visit: adds its gradient to the sums.
 UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   BlendSplat s = load_blend_splat(visit.record);
   UBS_UNROLL for (int part = 0; part < kParts; ++part) {
@@ -402,20 +404,21 @@ UBS_FN BlendSums add_visit(BlendSums sums, Gradients* pixels, Visit visit) {
   return sums;
 }
 
-// The tile's list and where a walk through its visits stands: entry for entry, block for block.
+// A tile's list, and the current position in the sequence of visits, which goes through the entries and for each entry
+// through its blocks.
 typedef struct {
   __global const float* records;
   __global const uint* ids;
   __global const uint* slots;
   __global const ushort* masks;
-  uint at, last;                 // the entry after this one, the end
-  uint slot;                     // of the entry
-  uint blocks;                   // of the entry, not yet visited
-  __global const float* record;  // of the entry
+  uint at, last;                 // index of the next entry; end of the list
+  uint slot;                     // of the current entry
+  uint blocks;                   // blocks of the current entry that are not visited yet
+  __global const float* record;  // of the current entry
 } Walk;
 
-// Goes to the next entry that any block composites. Returns 0 at the end of the list; the walk is then at the
-// last entry's first block, where a visit may be begun but is never ended.
+// Moves to the next entry that any block composites. Returns 0 at the end of the list. In that case the walk is at the
+// first block of the last entry; a visit may be started there but is never finished.
 UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   for (; walk->at < walk->last; ++walk->at) {
     uint ahead = walk->at + UBS_PREFETCH_DISTANCE;
@@ -438,7 +441,7 @@ UBS_FN int next_entry(Walk* walk, UBS_SLOTS(__global float*)) {
   return 0;
 }
 
-// Takes the next block of the entry.
+// Returns the next block of the current entry and marks it as visited.
 UBS_FN Gradients* next_block(Walk* walk, Gradients* blocks) {
   int block = lowest_bit32(walk->blocks);
   walk->blocks &= walk->blocks - 1;
@@ -449,7 +452,7 @@ UBS_FN Visit begin_next(const Walk* walk, const Gradients* pixels) {
   return begin_visit(walk->record, pixels->x, pixels->y);
 }
 
-// As in forward each visit is begun before the last one is ended, here also where a new splat begins (23%
+// As in the forward pass, each visit starts before the previous one is finished, here even if a new splat starts (23 %
 // less time).
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
@@ -472,7 +475,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void raster_cpu_backward
   Visit visit = begin_next(&walk, pixels);
   for (int more = 1; more;) {
     uint slot = walk.slot;
-    int ends = walk.blocks == 0;  // this visit is its splat's last
+    int ends = walk.blocks == 0;  // this visit is the last one of its splat
     if (ends) more = next_entry(&walk, UBS_SLOT_ARGUMENTS);
     Gradients* next_pixels = next_block(&walk, blocks);
     Visit next = begin_next(&walk, next_pixels);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for GPUs: one group a block of `block` elements (a multiple of kGroup), reduce,
-// then write. UBS_SCAN_IN and UBS_SUM are the element types; sums wrap. `out` has count + 1 elements, the last is the
-// total; out may be in.
+// Exclusive prefix sum for GPUs. One work-group processes a block of `block` elements (a multiple of kGroup). scan_sums
+// reduces the blocks, then scan_write writes the result. UBS_SCAN_IN and UBS_SUM are the element types; sums wrap on
+// overflow. `out` has count + 1 elements, the last of which is the total. `out` may be the same buffer as `in`.
 
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global UBS_SUM* sums) {
@@ -16,7 +16,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_sums(
   if (me == 0) sums[get_group_id(0)] = total;
 }
 
-// sums: of the blocks, null when there is only one; blocks are few, so each group adds up those before its own.
+// sums: the sums of the blocks, or null if there is only one. There are few blocks, so each group adds the sums before
+// its own.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exclusive prefix sum for CPUs: one work-item a chunk of `block` elements; argument lists of scan.cl. Groups of one
-// work-item, so that the loops below are what the compiler vectorises. UBS_SUM: type of the sum.
+// Exclusive prefix sum for CPUs. One work-item processes a chunk of `block` elements; the argument lists are those of
+// scan.cl. Work-groups have one work-item, so that the compiler vectorises the loops below. UBS_SUM is the type of the
+// sum.
 
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
     __global const UBS_SCAN_IN* restrict in, uint count, uint block, __global UBS_SUM* restrict sums) {
@@ -10,7 +11,7 @@ __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_sums(
   sums[get_global_id(0)] = sum;
 }
 
-// sums: of the chunks, as scan_sums left them; chunks are few, so each adds up those before it.
+// sums: the sums of the chunks from scan_sums. There are few chunks, so each work-item adds the sums before its own.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void scan_write(
     __global const UBS_SCAN_IN* in, uint count, uint block, __global const UBS_SUM* sums,
     __global UBS_SUM* out) {

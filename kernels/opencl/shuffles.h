@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interleaving of two vectors within each four lanes: of their first or last two, single or in pairs. In this
-// order, all lanes spelled out, it compiles to the CPU's unpack instructions (swizzles of several lanes do not:
-// backward rasteriser 12 % slower). They take one cycle, where shuffles across a whole vector, which follow for
-// 16 lanes, take three.
+// Functions that interleave two vectors within each group of four lanes: the first or last two lanes of each group, as
+// single values or as pairs. Written like this, with all lanes spelled out in this order, they compile to the CPU's
+// unpack instructions, which take one cycle. Swizzles of several lanes do not (backward rasteriser 12 % slower). The
+// functions that follow for 16 lanes shuffle across the whole vector, which takes three cycles.
 #pragma once
 
 #if UBS_VW == 16
@@ -25,7 +25,7 @@ UBS_FN float16 interleave_low(float16 a, float16 b) {
 UBS_FN float16 interleave_high(float16 a, float16 b) {
   return (float16)(a.s8, b.s8, a.s9, b.s9, a.sa, b.sa, a.sb, b.sb, a.sc, b.sc, a.sd, b.sd, a.se, b.se, a.sf, b.sf);
 }
-// The fours of both with an even number, and those with an odd one.
+// Return the groups of four lanes of both vectors that have an even number, or those that have an odd number.
 UBS_FN float16 even_fours(float16 a, float16 b) {
   return (float16)(a.s0, a.s1, a.s2, a.s3, a.s8, a.s9, a.sa, a.sb, b.s0, b.s1, b.s2, b.s3, b.s8, b.s9, b.sa, b.sb);
 }

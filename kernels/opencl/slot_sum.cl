@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// CPUs: gradient of a projected splat from the sums over pixels that raster_cpu.cl leaves in its slots, one slot a tile that it
-// reaches: their sum in slot order, then the factors of blend_factors, which are the same in every tile. Slots of mask 0
-// were never written: they may hold anything, NaN included. They are read and cleared by AND: neither a mispredicted
-// branch nor a gap in the stream (1.4x faster than skipping them where half are unwritten).
+// Computes the gradient of each projected splat on CPUs from its slots, one per tile that it reaches. raster_cpu.cl has
+// stored sums over pixels there. They are added in slot order and then multiplied by the factors of blend_factors(),
+// which are the same in every tile. Slots with mask 0 were never written and may contain anything, including NaN. They
+// are read all the same and cleared by AND. A branch that skips them would often be mispredicted, and would leave gaps
+// in the stream of reads. (If half of the slots are unwritten, reading all of them is 1.4x faster than skipping.)
 
 UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const float*), __global const ushort* masks) {
   float16 sum = (float16)(0.0f);
@@ -12,7 +13,7 @@ UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const floa
   return sum;
 }
 
-// kGrad*, of a splat's record.
+// Returns the gradient (kGrad*) of a splat from its sums and its record.
 UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
   const float* field = (const float*)&record;
   BlendSplat s;
@@ -20,7 +21,7 @@ UBS_FN float16 gradient_of_sums(float16 sums, float16 record) {
   s.l01 = field[kSplatL01];
   s.l11 = field[kSplatL11];
   s.beta = field[kSplatBeta];
-  s.opacity = s.r = s.g = s.b = 0.0f;  // not asked
+  s.opacity = s.r = s.g = s.b = 0.0f;  // not needed
   BlendFactors f = blend_factors(s);
   float8 factors = (float8)(f.xp, f.yq, f.square, f.square, f.square, 1.0f, UBS_LN2, 1.0f);
   float8 across = (float8)(0.0f, f.yp, 0.0f, 0.0f, (float4)(0.0f));
@@ -37,7 +38,7 @@ enum { kSumItems = 1 };
 enum { kSumItems = UBS_SUM_GROUP };
 #endif
 
-// One work-item a splat, a slot is one vector.
+// One work-item processes one splat; a slot is one vector.
 __kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_vector(
     uint count, __global const uint* tile_counts, __global const uint* slot_offsets,
     UBS_SLOTS(__global const float*), __global const ushort* masks, __global const float* records,
@@ -47,7 +48,7 @@ __kernel __attribute__((reqd_work_group_size(kSumItems, 1, 1))) void sum_slots_v
     if (splat >= count) return;
     uint first = slot_offsets[splat], last = first + tile_counts[splat];
     float16 gradient = (float16)(0.0f);
-    if (last > first)  // else it is not drawn, and its record may be anything
+    if (last > first)  // otherwise the splat is not visible, and its record may contain anything
       gradient =
           gradient_of_sums(sum_of_slots(first, last, UBS_SLOT_ARGUMENTS, masks), vload16(splat, records));
     vstore16(gradient, splat, v_records);

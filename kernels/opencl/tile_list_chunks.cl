@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists for CPUs: one work-item a chunk of consecutive elements, in groups of one. Depth order by a
-// least-significant-digit radix sort, whose first pass is part of counting, then ONE stable counting pass by
-// tile that walks the rectangles of the depth-ordered splats twice (count, place): no list of unsorted
-// intersections is ever written. Histograms are (chunk, bin): a chunk's row stays in its core's cache. What
-// is sorted is a 64-bit word, depth key above index, so that a bin is one open cache line.
+// Tile lists for CPUs. One work-item processes a chunk of consecutive elements, in work-groups of one. The splats are
+// sorted by depth with a least-significant-digit radix sort, whose first pass is combined with counting. Then ONE
+// stable counting pass sorts by tile: it visits the rectangles of the depth-ordered splats twice, to count and to
+// place, so that no list of unsorted intersections is ever written. Histograms have the shape (chunk, bin), so that the
+// row of a chunk stays in the cache of its core. The sorted elements are 64-bit words with the depth key in the upper
+// half and the index in the lower half, so that each bin needs only one open cache line.
 #define UBS_CHUNK_KERNEL __kernel __attribute__((reqd_work_group_size(1, 1, 1)))
 
-// Scattered words are written in batches: first all places, asked for on the way, then the words. In an
-// iteration nothing of the lists is left in the caches, and stores wait for their lines one after the other
-// (300K splats: count_write 0.65 -> 0.36 ms, tile_scatter 1.78 -> 1.15).
+// Scattered words are written in batches: all places are computed and prefetched first, then the words are written.
+// Within an iteration of training, other data displace the lists from the caches, and stores would wait for their cache
+// lines one after the other (300K splats: count_write 0.65 -> 0.36 ms, tile_scatter 1.78 -> 1.15).
 #ifndef UBS_PLACES_BATCH
 #define UBS_PLACES_BATCH 512
 #endif
 
-// Of each chunk: drawn splats, their tiles, least and largest key of those to sort; and the histogram of the
-// first digit of `bits` bits, in a loop of its own, so that the other one vectorises (300K splats: 0.17 ->
-// 0.11 ms).
+// Computes for each chunk: the number of visible splats, the number of their tiles, and the smallest and largest depth
+// key of the visible splats. It also computes the histogram of the first digit of `bits` bits, in a separate loop, so
+// that the other loop is vectorised (300K splats: 0.17 -> 0.11 ms).
 UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
                                  __global const uint* restrict depth_keys, uint count, uint chunk, uint bits,
                                  __global ulong4* restrict sums,
@@ -38,9 +39,10 @@ UBS_CHUNK_KERNEL void count_sums(__global const uint* restrict tile_counts,
   sums[c] = (ulong4)(drawn, tiles, least, largest);
 }
 
-// Slots, and the first pass of the sort. `histogram` as column_scan leaves it, `starts` the first place of
-// each bin. totals, where given: drawn splats, intersections. A splat that is not listed is written as well,
-// to a place behind all others (a cache line a chunk): a branch on it would not be predictable.
+// Writes the slot offsets, and makes the first pass of the sort. `histogram` is the result of column_scan, and `starts`
+// contains the first place of each bin. totals (may be null) receives the numbers of visible splats and of
+// intersections. Splats that are not visible are written as well, to a place after all others (one cache line per
+// chunk), because a branch would not be predictable.
 UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
                                   __global const uint* restrict depth_keys, uint count, uint chunk, uint bits,
                                   __global const ulong4* restrict sums, __global uint* restrict histogram,
@@ -81,14 +83,14 @@ UBS_CHUNK_KERNEL void count_write(__global const uint* restrict tile_counts,
   }
 }
 
-// The elements of a work-item: `chunk`, or, where only the device knows how many there are, an equal share of
-// them in whole cache lines.
+// Returns the number of elements of a work-item. This is `chunk` if the host knows the number of elements. If only the
+// device knows it, the elements are divided equally, rounded up to whole cache lines.
 static inline uint listed_chunk(uint chunk, uint count, __global const uint* counted) {
   const size_t items = get_global_size(0);
   return counted ? ((uint)max((size_t)1, (count + items - 1) / items) + 15) & ~15u : chunk;
 }
 
-// Digits of the key's height above `base`.
+// Returns a digit of the difference between the depth key and `base`.
 static inline uint radix_digit(ulong pair, uint base, uint shift, uint mask) {
   return (((uint)(pair >> 32) - base) >> shift) & mask;
 }
@@ -105,7 +107,7 @@ UBS_CHUNK_KERNEL void radix_histogram(__global const ulong* restrict pairs, uint
   for (size_t i = begin; i < end; i++) bins[radix_digit(pairs[i], base, shift, mask)]++;
 }
 
-// One of the outputs is null: ids are what the last pass writes.
+// One of the two outputs is null: the last pass writes ids, the others write pairs.
 UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, uint most,
                                     __global const uint* counted, uint chunk, uint base, uint shift,
                                     uint bits, __global uint* restrict histogram,
@@ -136,8 +138,8 @@ UBS_CHUNK_KERNEL void radix_scatter(__global const ulong* restrict pairs, uint m
   }
 }
 
-// Exclusive prefix sum down each column of a (chunks, bins) histogram; totals: sum of the column.
-// One work-item a block of columns; the inner loop runs along the row, which vectorises.
+// Computes the exclusive prefix sums down each column of a (chunks, bins) histogram. totals: the sum of each column.
+// One work-item processes a block of columns. The inner loop runs along the row, so that it is vectorised.
 UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks, uint bins, uint block,
                                   __global uint* restrict totals) {
   const size_t begin = get_global_id(0) * block, end = min(begin + block, (size_t)bins);
@@ -152,8 +154,8 @@ UBS_CHUNK_KERNEL void column_scan(__global uint* restrict histogram, uint chunks
   }
 }
 
-// The same in one work-item, and `starts` is the prefix sum of the totals: for histograms that are so small
-// that launches are what a scan costs.
+// Does the same as column_scan in a single work-item, and writes the prefix sums of the totals to `starts`. Used for
+// histograms that are so small that launches dominate the time of the scan.
 UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chunks, uint bins,
                                     __global uint* restrict starts) {
   for (uint b = 0; b < bins; b++) starts[b] = 0;
@@ -174,16 +176,16 @@ UBS_CHUNK_KERNEL void column_starts(__global uint* restrict histogram, uint chun
   starts[bins] = running;
 }
 
-// Rectangles are first unrolled into a short list of tiles, then the list is worked off: two loops without
-// unpredictable branches (walking rows and columns directly mispredicts two or three times a splat).
+// Rectangles are first expanded into a short list of tiles, then the list is processed. These two loops have no
+// unpredictable branches, whereas a direct loop over rows and columns mispredicts two or three times per splat.
 #ifndef UBS_LISTS_BATCH
 #define UBS_LISTS_BATCH 1024
 #endif
 enum { kLanes = 16 };
 UBS_FN uint16 iota(void) { return (uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15); }
 
-// The rectangles of depth-ordered splats lie anywhere in memory, and more of them must be on the way than the
-// core finds by itself: 3M splats, histogram 31 -> 11 ms, scatter 127 -> 50 ms.
+// Number of splats to prefetch ahead. The rectangles of depth-ordered splats are scattered in memory, and the core does
+// not by itself start enough loads in advance (3M splats: histogram 31 -> 11 ms, scatter 127 -> 50 ms).
 #ifndef UBS_LISTS_AHEAD
 #define UBS_LISTS_AHEAD 96
 #endif
@@ -191,7 +193,7 @@ UBS_FN uint16 iota(void) { return (uint16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11,
 // ceil(256 / w): (k * reciprocal) >> 8 is k / w exactly for k < 16, w <= 16.
 __constant uint kReciprocal[17] = {0, 256, 128, 86, 64, 52, 43, 37, 32, 29, 26, 24, 22, 20, 19, 18, 16};
 
-// The first 16 tiles of a rectangle of at most 16 tiles; lanes beyond its area are not meaningful.
+// Returns the tiles of a rectangle with at most 16 tiles; lanes beyond its area have no meaning.
 static inline uint16 small_rect_tiles(TileRect rect, uint tiles_x) {
   const uint width = tile_rect_width(rect);
   const uint16 row = (iota() * kReciprocal[width]) >> 8;
@@ -231,13 +233,13 @@ UBS_CHUNK_KERNEL void tile_histogram(__global const uint* restrict order,
   count_batch(batch, size, bins);
 }
 
-// Slots are for backward only.
+// Slots are only needed by the backward pass.
 typedef struct {
   uint tiles[UBS_LISTS_BATCH + kLanes], ids[UBS_LISTS_BATCH + kLanes];
   uint slots[UBS_LISTS_BATCH + kLanes];
 } TileBatch;
 
-// Takes the tiles' places in their stead.
+// Replaces the tiles of the batch by their places in the lists, then writes the batch there.
 static inline void place_batch(TileBatch* batch, uint size, __global uint* restrict places,
                                __global uint* restrict sorted_ids, __global uint* restrict sorted_slots) {
   for (uint k = 0; k < size; k++) {

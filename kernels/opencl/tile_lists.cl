@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists for GPUs, the stages around scan.cl and radix_sort.cl: choice of the drawn splats, emission of
-// (tile, splat, slot) in depth order with one work-item an intersection, first intersection of each tile.
+// Tile lists for GPUs: the stages around scan.cl and radix_sort.cl. They select the visible splats, write (tile, splat,
+// slot) in depth order with one work-item per intersection, and find the first intersection of each tile.
 
-// Drawn splats and tiles of a block as one number, for one sum over the group: a block has 2048 splats of less than
-// 2^32 tiles.
+// The number of visible splats of a block and the number of their tiles, packed into one value so that one sum over the
+// group is enough. A block has 2048 splats with less than 2^32 tiles.
 UBS_FN ulong one_drawn(void) { return 1ul << 44; }
 UBS_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
   const uint tiles = tile_counts[i];
   return tiles > 0 ? one_drawn() + tiles : 0;
 }
 
-// sums[block] = drawn splats, sums[blocks + block] = their tiles.
+// sums[block] = number of visible splats, sums[blocks + block] = number of their tiles.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
     __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
   __local ulong scratch[kScanRoom];
@@ -26,7 +26,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
   }
 }
 
-// sums: the above. keys: of the visible splats, to sort them by. totals: drawn splats, intersections.
+// sums: result of count_sums. keys: depth keys of the visible splats, to be sorted. totals: numbers of visible splats
+// and of intersections.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
     __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
     __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
@@ -57,8 +58,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
   }
 }
 
-// Tiles of each splat in depth order, and their sums by block; their prefix sum, over all `most`, places the
-// intersections.
+// Computes the number of tiles of each splat in depth order, and the sums of these numbers by block. The prefix sums
+// over all `most` elements are the places of the intersections.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
     __global const uint* order, uint most, __global const uint* counted, __global const uint2* tile_rects, uint block,
     __global uint* areas, __global uint* sums) {
@@ -76,8 +77,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
   if (me == 0) sums[get_group_id(0)] = (uint)total;
 }
 
-// Balanced whatever the sizes of the rectangles: a work-item finds its splat by bisection, first for the
-// group as a whole, then between the group's ends (on average 256 / tiles per splat candidates).
+// Writes the intersections. The work is balanced for rectangles of any size: a work-item finds its splat by bisection.
+// First the group finds the splats of its first and its last intersection; then each work-item searches between these
+// two (on average among 256 / t candidates, where t is the number of tiles per splat).
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
     __global const uint* order, __global const uint* firsts, uint most_drawn,
     __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
@@ -101,8 +103,8 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
   if (!UBS_FORWARD_ONLY) slots[place] = slot_offsets[id] + number;
 }
 
-// Bisection per tile: empty tiles at either end or in the middle need no special case. long_lists: set where a list is
-// long; emit_intersections has cleared it.
+// Finds the start of each tile's list by bisection. Empty tiles at the ends or in between need no special case.
+// long_lists is set if a list is long; emit_intersections has cleared it.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void find_ranges(
     __global const uint* tiles_sorted, uint most_pairs, __global const uint* pairs, uint tiles,
     __global uint* tile_ranges, __global uint* long_lists) {

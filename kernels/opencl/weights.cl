@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each splat does to the pixels of a tile: its largest blended weight. One work-item a tile over the lists of a
-// forward pass; the program is raster_cpu.cl and this, so that alphas are those of the rasteriser to the bit. For tools:
-// correct anywhere, fast nowhere but on CPUs.
+// Measures how much each splat affects a tile: its largest blended weight over the pixels. One work-item processes one
+// tile with the lists of a forward pass. The program consists of raster_cpu.cl and this file, so that the alphas are
+// bit-identical to those of the rasteriser. Used by tools. It is correct on all devices, but fast only on CPUs.
 
 UBS_FN float largest_lane(vreal v) {
   float lanes[UBS_VW];
@@ -11,8 +11,9 @@ UBS_FN float largest_lane(vreal v) {
   return most;
 }
 
-// weights (by slot): max over the tile's pixels of transmittance * alpha. A splat that would finish a pixel counts
-// although it is not composited there: without it the pixel would go on. 0: the image does not depend on the splat.
+// weights (by slot): the maximum over the tile's pixels of transmittance * alpha. If a splat would finish a pixel, it
+// counts there although it is not composited, because the pixel would continue without it. 0: the image does not depend
+// on the splat.
 __kernel __attribute__((reqd_work_group_size(1, 1, 1))) void measure_weights(
     __global const float* records, __global const uint* sorted_ids, __global const uint* sorted_slots,
     __global const uint* tile_ranges, int tiles_x, int tiles_y, int width, int height,
