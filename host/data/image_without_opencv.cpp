@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, and what would decode images or videos
-// says what it needs.
+// Replacements for the OpenCV functions in a build without OpenCV (UBS_OPENCV=OFF). Packed data sets can be
+// read; functions that would decode images or videos throw an error that says what they need.
 #include <span>
 #include <vector>
 

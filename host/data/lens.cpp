@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // See lens.hpp. OpenCV has only two of these models (calib3d, fisheye) and puts the origin at the centre of
-// the first pixel, so all formulas are written here; tests compare them with pycolmap and with OpenCV.
+// the first pixel, so all formulas are implemented here. Tests compare them with pycolmap and with OpenCV.
 #include "host/data/lens.hpp"
 
 #include <fmt/ranges.h>
@@ -16,9 +16,9 @@ namespace {
 
 using Distort = PlanePoint (*)(const LensCoefficients& k, const PlanePoint& p);
 
-// Solves distort(k, p) = target by Newton's method with a numerical Jacobian; a step is halved while it does
-// not help. Where the polynomial folds (negative determinant), two positions would have the same image; such
-// a solution is refused.
+// Solves distort(k, p) = target by Newton's method with a numerical Jacobian. A step is halved until it
+// reduces the residual. Where the polynomial folds (negative determinant), two positions would have the same
+// image; such a solution is rejected.
 std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, const PlanePoint& target) {
   double x = target[0], y = target[1];
   constexpr double kStep = 1e-6;
@@ -51,7 +51,7 @@ std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, con
   return PlanePoint{x, y};
 }
 
-// Lenses that distort the plane z = 1: they see only what is in front of the camera.
+// Lenses that distort the plane z = 1. They see only what is in front of the camera.
 template <Distort distort>
 std::optional<PlanePoint> project_plane(const LensCoefficients& k, const Ray& ray) {
   if (!(ray[2] > 0)) return std::nullopt;
@@ -66,12 +66,12 @@ std::optional<Ray> unproject_plane(const LensCoefficients& k, const PlanePoint& 
 }
 
 // Lenses that distort the equidistant image, in which the distance from the centre is the angle to the
-// optical axis. They see more than half of all directions if the angle of the formula reaches beyond 90
-// degrees.
+// optical axis. They see more than half of all directions if their formula is valid beyond 90 degrees.
 template <Distort distort>
 std::optional<PlanePoint> project_angle(const LensCoefficients& k, const Ray& ray) {
   const double r = std::hypot(ray[0], ray[1]);
-  if (r == 0 && !(ray[2] > 0)) return std::nullopt;  // straight back: every direction of the image
+  // Directly behind the camera: every direction of the image would fit
+  if (r == 0 && !(ray[2] > 0)) return std::nullopt;
   const double ratio = r > 1e-12 * std::abs(ray[2]) ? std::atan2(r, ray[2]) / r : 1 / ray[2];
   return distort(k, {ratio * ray[0], ratio * ray[1]});
 }
@@ -86,7 +86,7 @@ std::optional<Ray> unproject_angle(const LensCoefficients& k, const PlanePoint& 
   return Ray{ratio * (*p)[0], ratio * (*p)[1], std::cos(angle)};
 }
 
-// k1 k2 p1 p2 k3 k4 k5 k6: rational radial distortion, and tangential.
+// k1 k2 p1 p2 k3 k4 k5 k6: rational radial and tangential distortion.
 PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
   const auto [x, y] = p;
   const double r2 = x * x + y * y;
@@ -154,13 +154,14 @@ std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray&
 
 std::optional<Ray> unproject_division(const LensCoefficients& k, const PlanePoint& p) {
   const double bend = k[0] * (p[0] * p[0] + p[1] * p[1]);
-  if (!(bend < 1)) return std::nullopt;  // beyond the largest image radius of positive k: the other solution
+  // For positive k, positions beyond the largest image radius belong to the other solution.
+  if (!(bend < 1)) return std::nullopt;
   return Ray{p[0], p[1], 1 + bend};
 }
 
-// alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
-// d^2 = beta (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest, for smaller
-// alpha where the denominator is 0; both are z = -w d.
+// alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with d^2 = beta
+// (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest; for smaller alpha it ends
+// where the denominator is 0. In both cases this is the cone z = -w d.
 std::optional<PlanePoint> project_eucm(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double alpha = k[0], d = std::sqrt(k[1] * (x * x + y * y) + z * z);
@@ -177,7 +178,7 @@ std::optional<Ray> unproject_eucm(const LensCoefficients& k, const PlanePoint& p
   return Ray{p[0], p[1], (1 - alpha * alpha * br2) / (alpha * std::sqrt(square) + 1 - alpha)};
 }
 
-// Longitude and latitude (down is positive), in radians; the centre looks forward.
+// Longitude and latitude (positive downwards), in radians. The image centre is the forward direction.
 std::optional<PlanePoint> project_equirectangular(const LensCoefficients&, const Ray& ray) {
   return PlanePoint{std::atan2(ray[0], ray[2]), std::atan2(ray[1], std::hypot(ray[0], ray[2]))};
 }
@@ -203,8 +204,8 @@ constexpr LensFormula kDivision{"k", project_division, unproject_division, 1};
 constexpr LensFormula kEucm{"alpha beta", project_eucm, unproject_eucm, 1};
 constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1, true};
 
-// A new model needs a row, and a formula above unless it shares one. nerfstudio reads k1 k2 p1 p2 k3 for all
-// of its perspective cameras, and k1 to k4 for all of its fisheyes.
+// A new model needs a row here, and a formula above unless it shares one. The extra coefficients follow
+// nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective cameras and k1 to k4 for all its fisheyes.
 constexpr std::string_view kPerspective = "k1 k2 p1 p2 k3", kFisheyeExtra = "k1 k2 k3 k4";
 constexpr LensModel kModels[] = {
     {0, "SIMPLE_PINHOLE", "", "f cx cy", kPerspective, &kOpencv},
@@ -263,7 +264,7 @@ Lens Lens::scaled_to(int new_width, int new_height) const {
 }
 
 bool Lens::set(std::string_view parameter, double value) {
-  // An equirectangular image states its size in pixels: 360 degrees across, 180 degrees down.
+  // The size of an equirectangular image in pixels covers 360 degrees across and 180 degrees down.
   if (parameter == "w") {
     fx = value / (2 * std::numbers::pi), cx = value / 2;
   } else if (parameter == "h") {
