@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measurements as the facade hands them out.
+// Conversion of metrics to the struct of the C interface.
 #pragma once
 
 #include "host/api/handles.hpp"

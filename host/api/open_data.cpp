@@ -32,7 +32,7 @@ Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesys
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images) {
   DatasetOptions options = reading_options(settings);
-  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // is of decoding alone
+  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // matters only for decoding
   if (!opened || opened->folder != folder || opened->reading != options)
     return open_dataset(folder, image_splits, settings, images);
   options = reading_options(settings);
