@@ -1,9 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Registers, spills, shared memory and occupancy (threads of a multiprocessor that registers and shared memory leave
-# room for; for sm_80, 90 and 100) of every CUDA kernel that is compiled ahead, as a table (CSV) for one architecture; of
-# those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel does not compile
-# without warnings, or when a rasteriser spills.
+# Writes a table (CSV) with registers, spills, shared memory and occupancy of every CUDA kernel that is
+# compiled ahead of time, for one architecture. Occupancy is the number of threads per multiprocessor that
+# registers and shared memory allow; it is given for sm_80, 90 and 100. For kernels that are compiled at run
+# time, test_cuda_programs writes such a table. Needs nvcc, but no GPU. Fails if a kernel does not compile
+# without warnings, or if a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)

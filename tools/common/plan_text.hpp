@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A plan of a run for people and machines.
+// The plan of a run as text and as JSON.
 #pragma once
 
 #include <string>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The executable `ubs-lab`: where this project measures itself, for errors against float64 beside times, for
-// stiff and extreme cases, and for comparing devices and back ends.
+// The executable `ubs-lab`, with which this project measures itself: errors against float64 together with
+// times, numerically difficult and extreme cases, and comparisons of devices and back ends.
 #include "tools/lab/lab_commands.hpp"
 
 namespace {
