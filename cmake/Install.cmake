@@ -95,7 +95,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libubs-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME ubs)
-if(UBS_OPENCV)  # its module is there
+if(UBS_OPENCV)  # the library package contains the OpenCV module
   set(CPACK_DEBIAN_TOOLS_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
 endif()
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)

@@ -74,7 +74,8 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
   return taken;
 }
 
-// N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
+// N is the sum of 3 (position), 3 for the direction (from N = 6 on), 1 for the time, and the number of
+// further values, in the order of method.md 1.2.
 void check_query(const Split& split, int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);
   const std::size_t needed = query > 1 ? static_cast<std::size_t>(query - 1) : 0;

@@ -49,7 +49,7 @@ Mat3 inverse_form(const Vec3& w) {
   return b;
 }
 
-// dB / d omega_k.
+// Returns dB / d omega_k.
 Mat3 inverse_form_derivative(const Vec3& w, std::size_t k) {
   Vec3 e{};
   e[k] = 1;

@@ -86,7 +86,7 @@ std::optional<Ray> unproject_angle(const LensCoefficients& k, const PlanePoint& 
   return Ray{ratio * (*p)[0], ratio * (*p)[1], std::cos(angle)};
 }
 
-// k1 k2 p1 p2 k3 k4 k5 k6: rational radial and tangential distortion.
+// Coefficients k1 k2 p1 p2 k3 k4 k5 k6: rational radial and tangential distortion.
 PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
   const auto [x, y] = p;
   const double r2 = x * x + y * y;
@@ -96,14 +96,14 @@ PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
           y * radial + 2 * k[3] * x * y + k[2] * (r2 + 2 * y * y)};
 }
 
-// k1 k2 k3 k4
+// Coefficients k1 k2 k3 k4.
 PlanePoint distort_fisheye(const LensCoefficients& k, const PlanePoint& p) {
   const double t2 = p[0] * p[0] + p[1] * p[1];
   const double ratio = 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])));
   return {p[0] * ratio, p[1] * ratio};
 }
 
-// k1 k2 p1 p2 k3 k4 sx1 sy1
+// Coefficients k1 k2 p1 p2 k3 k4 sx1 sy1.
 PlanePoint distort_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
   const auto [u, v] = p;
   const double r2 = u * u + v * v, radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
@@ -111,7 +111,8 @@ PlanePoint distort_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
           v + v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2};
 }
 
-// k0 .. k5 p0 p1 s0 .. s3: the tangential and prism terms apply to the radially distorted position.
+// Coefficients k0 .. k5 p0 p1 s0 .. s3. The tangential and prism terms apply to the radially distorted
+// position.
 PlanePoint distort_rad_tan_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
   const double t2 = p[0] * p[0] + p[1] * p[1];
   double radial = 0;
@@ -121,7 +122,7 @@ PlanePoint distort_rad_tan_thin_prism(const LensCoefficients& k, const PlanePoin
           v + (2 * v * v + r2) * k[7] + 2 * u * v * k[6] + r2 * (k[10] + r2 * k[11])};
 }
 
-// omega: the distorted radius is atan(2 r tan(omega / 2)) / omega.
+// Coefficient omega: the distorted radius is atan(2 r tan(omega / 2)) / omega.
 std::optional<PlanePoint> project_fov(const LensCoefficients& k, const Ray& ray) {
   if (!(ray[2] > 0)) return std::nullopt;
   const double omega = k[0], x = ray[0] / ray[2], y = ray[1] / ray[2], r = std::hypot(x, y);
@@ -140,9 +141,9 @@ std::optional<Ray> unproject_fov(const LensCoefficients& k, const PlanePoint& po
   return Ray{position[0] * ratio, position[1] * ratio, 1};
 }
 
-// k: the ray of the distorted position p is (p, 1 + k |p|^2). With p = s (x, y) this is a quadratic equation
-// for s; of its two solutions the one that tends to 1/z for small k is the image. Negative k reach beyond 90
-// degrees.
+// Coefficient k: the ray of the distorted position p is (p, 1 + k |p|^2). With p = s (x, y) this is a
+// quadratic equation for s; of its two solutions the one that tends to 1/z for small k is the image. Negative
+// k reach beyond 90 degrees.
 std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double discriminant = z * z - 4 * k[0] * (x * x + y * y);
@@ -159,9 +160,9 @@ std::optional<Ray> unproject_division(const LensCoefficients& k, const PlanePoin
   return Ray{p[0], p[1], 1 + bend};
 }
 
-// alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with d^2 = beta
-// (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest; for smaller alpha it ends
-// where the denominator is 0. In both cases this is the cone z = -w d.
+// Coefficients alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
+// d^2 = beta (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest; for smaller
+// alpha it ends where the denominator is 0. In both cases this is the cone z = -w d.
 std::optional<PlanePoint> project_eucm(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double alpha = k[0], d = std::sqrt(k[1] * (x * x + y * y) + z * z);

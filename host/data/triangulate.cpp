@@ -41,7 +41,7 @@ void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
 }
 
 struct Match {
-  std::size_t a, b;  // corners
+  std::size_t a, b;  // indices of corners
   std::array<std::uint8_t, 3> colour;
   Vec3 point;
   double angle;

@@ -31,7 +31,7 @@ class Progress {
   double rate_seconds_ = 0, rate_ = 0;
 };
 
-// "30/120 frames  12.5 per second  ETA 0:07".
+// Prints lines such as "30/120 frames  12.5 per second  ETA 0:07".
 class CountProgress {
  public:
   CountProgress(std::size_t total, std::string what, bool silent = false,

@@ -16,7 +16,7 @@ constexpr const char *kMeasure = "Measure", *kDevices = "Devices";
 
 constexpr CommandEntry kCommands[] = {
     {add_accuracy, kMeasure, "ubs-lab accuracy --out accuracy", "ubs-lab accuracy run photos --out accuracy"},
-#ifdef UBS_WITH_STRESS  // a build with tests
+#ifdef UBS_WITH_STRESS  // only in builds with tests
     {add_stress, kMeasure, "ubs-lab stress", "ubs-lab stress 'random cases' --cases 500"},
 #endif
     {add_bench, kMeasure, "ubs-lab bench --quick", "ubs-lab bench run photos --run iteration"},
