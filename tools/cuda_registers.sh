@@ -40,8 +40,8 @@ awk '
     print name "|" variant "|" registers "|" stores "|" loads "|" stack "|" shared
   }' "$log" | $demangle | sed -E 's/ubs::cuda:://g; s/\(anonymous namespace\):://g; s/^void //; s/^([^|(]*)\([^|]*\)\|/\1|/' |
   awk -F'|' -v arch="sm_$architecture" '
-    # Block sizes are those of cuda_backend/cuda_kernels.hpp. Registers are allocated to warps in units of 256,
-    # and each block needs 1 KiB of shared memory in addition to its own.
+    # Block sizes are those of cuda_backend/cuda_kernels.hpp. Registers are allocated to warps in units of
+    # 256, and each block needs 1 KiB of shared memory in addition to its own.
     function occupancy(kernel, variant, registers, shared,    threads, blocks, most) {
       if (arch !~ /^sm_(80|90|100)$/) return ""
       threads = kernel ~ /^(raster_|measure_|sum_slots|loss_window|loss_gradient|write_|fit_|gather_|emit_|finish_)/ ? 256 : 128

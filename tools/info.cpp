@@ -205,7 +205,7 @@ Json describe_data(const Dataset& data) {
 Dataset open_data(const InfoOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
-  // Opened like for training, so that both print the same
+  // The data are opened in the same way as for training, so that both commands print the same.
   return open_undecoded(options.model, settings).data;
 }
 

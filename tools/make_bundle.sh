@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Collects the small libraries that a build without OpenCV and OpenCL needs from the Debian packages of this
-# machine (tools/setup.sh lists them), for a machine that has only a compiler, CMake and the CUDA toolkit:
+# Collects the small libraries for a build without OpenCV and OpenCL from the Debian packages of this machine
+# (tools/setup.sh lists them). Use them on a machine that has only a compiler, CMake and the CUDA toolkit:
 #   tools/make_bundle.sh DIR
 #   cmake -S . -B build -DUBS_OPENCV=OFF -DUBS_OPENCL=OFF -DUBS_BUNDLE=DIR      # on the other machine
 set -eu

@@ -63,7 +63,8 @@ std::string file_name(const RenderOptions& options, const std::string& channel, 
   return view + (channel == "rgb" ? "" : "_" + channel) + "." + options.format;
 }
 
-// Checks the output files. Returns a lock of the output folder, if there is one, which is held until the end.
+// Checks the output files. Returns a lock of the output folder if there is one; the caller holds it until the
+// end.
 std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Split& split) {
   Paths names;
   for (const View& view : split.views)
@@ -131,7 +132,7 @@ RenderedView draw(ModelSession& session, std::size_t view) {
   return session.renderer().download();
 }
 
-// Collects one rendered view from each rank of a job, as far as there are as many `views`. The first rank
+// Collects one rendered view from each rank of a job, but not more than there are `views`. The first rank
 // receives all of them; without a job the result is {own}.
 std::vector<RenderedView> gather(RenderedView own, std::span<const View> views) {
   if (ranks().size() == 1) return {std::move(own)};

@@ -157,8 +157,8 @@ std::string worst_view(const RunRecord& run, const Split& split) {
   return worst;
 }
 
-// Returns the views with these names. If there are none, returns evenly spaced views, the last of which is
-// replaced by the worst view, because a report without it would be too favourable.
+// Returns the views with these names. If no names are given, returns evenly spaced views and replaces the
+// last of them by the worst view, because a report without the worst view would be too favourable.
 std::vector<View> chosen_views(const Split& split, const std::vector<std::string>& names,
                                const std::string& worst, int count) {
   std::vector<View> views;

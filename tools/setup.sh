@@ -25,7 +25,7 @@ packages=(
   libcpp-httplib-dev                                         # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional
   libopenmpi-dev openmpi-bin                                 # several processes for one training; optional
-  # Pip install . in a new environment (docs/python.md)
+  # pip install . in a new environment (docs/python.md)
   python3-venv
   python3-yaml                                               # tools/experiment.py
 )
@@ -54,7 +54,7 @@ TEXT
 
 installed() { [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]; }
 
-# install_packages PACKAGE...
+# install_packages PACKAGE...: installs the packages that are missing.
 install_packages() {
   if ! command -v dpkg-query >/dev/null; then
     echo "Not a Debian system: the libraries must be there already (tools/setup.sh lists the packages)."

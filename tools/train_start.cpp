@@ -18,8 +18,8 @@
 
 namespace ubs::tools {
 
-// With --budget, the settings start from those of fast runs. Without --budget and --iterations, they are
-// replaced by settings of fast runs when the data are known.
+// With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
+// settings of fast runs replace the returned ones as soon as the data are known.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
   const bool asked = !budget.empty();
@@ -137,7 +137,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   Checkpoint checkpoint = open_checkpoint(options.resume);
   TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  // The checkpoint has fixed all settings
+  // The checkpoint has fixed all settings.
   for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);
   return {{.settings = settings, .fast = {}},
           options.data.empty() ? checkpoint.data : options.data,

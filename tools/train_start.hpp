@@ -25,8 +25,8 @@ struct StartOptions {
 
 struct NewSettings {
   TrainSettings settings;
-  // The settings that are the basis when the data are known: with --budget, or if the user did not choose the
-  // number of iterations.
+  // Set if the user did not choose the number of iterations, which is always so with --budget. The final
+  // settings are made from these when the data are known.
   std::optional<TrainSettings> fast;
 };
 

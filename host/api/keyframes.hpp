@@ -21,7 +21,8 @@ struct KeyframeFile {
 struct KeyframeDefaults {
   Vec3 up{0, 0, 1};
   double fov = 0.87;  // horizontal [rad]
-  // World = model + offset. The file has world coordinates; the returned poses are in model coordinates.
+  // Position in the world = position in the model + offset. The file has world coordinates; the returned
+  // poses are in model coordinates.
   Vec3 offset{0, 0, 0};
 };
 

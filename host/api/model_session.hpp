@@ -17,7 +17,7 @@ namespace ubs {
 LoadedModel open_model(const std::string& path);
 
 // Returns the default settings, replaced by the settings for rendering that the model states. Throws
-// Error(data) that starts with `path` for invalid values.
+// Error(data) whose message starts with `path` for invalid values.
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
 // Returns the kernel configuration. Dimension and variant are those of the model's first group, whatever the

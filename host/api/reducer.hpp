@@ -24,8 +24,8 @@ struct Reduced {
   std::vector<std::uint32_t> new_index;  // new index of each original splat, or kGone
   // 1 if the splat was replaced by one of fewer dimensions and may look different.
   std::vector<std::uint8_t> turned;
-  // Number of splats that were removed or replaced without any effect on the views: unseen splats contribute
-  // to no pixel, and the removed dimensions of inert splats have no effect.
+  // Numbers of splats that were removed (`unseen`) and replaced (`inert`) without any effect on the views:
+  // unseen splats contribute to no pixel, and the removed dimensions of inert splats have no effect.
   std::size_t unseen = 0, inert = 0;
   std::size_t dropped = 0, turned_count = 0;  // numbers of lossy removals and replacements
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacement is a splat that replaces one with more dimensions. Without direction, or without time and
-// further values, these no longer affect the splat; their effect is replaced by the best constant over the
-// views in which the splat is visible.
+// Replacement is a splat that replaces one with more dimensions. The direction, or time and further values,
+// or all of these, no longer affect the new splat. Their effect is replaced by the constant that fits best
+// over the views in which the splat is visible.
 #pragma once
 
 #include <span>
@@ -12,9 +12,9 @@
 
 namespace ubs::reduce {
 
-// Returns the dimensions that a splat of N dimensions can be reduced to, smallest first: without direction,
-// without time and further values, or without both, as far as N can express it (kernels/layout.h): 7 -> 3, 4,
-// 6.
+// Returns the numbers of dimensions that a splat of N dimensions can be reduced to, smallest first. The
+// reduced splat lacks the direction, or time and further values, or both, if a layout for that combination
+// exists (kernels/layout.h). For example, 7 can be reduced to 3, 4 and 6.
 std::vector<int> smaller_dims(int dim);
 
 // The effect that the removed dimensions have on a splat: ranges over the views that see it.

@@ -222,7 +222,7 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
   std::vector<Splat> splats = weighted_splats(model);
   if (splats.empty() && cameras.empty())
     fail(ErrorKind::data, "cannot place a camera: the model has no splats, and no data set was given");
-  // Stray splats would also spoil the estimate of the up direction
+  // Stray splats would also spoil the estimate of the up direction.
   if (cameras.empty()) splats = bulk_of(splats);
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;

@@ -46,9 +46,9 @@ ModelNotes notes_for(const TrainSettings& settings, std::span<const Camera> came
 std::vector<std::string> model_comments(const Dataset& data, const TrainSettings& settings,
                                         std::span<const Camera> cameras);
 
-// Makes the initial model: from the points of the data; or inside the depth bounds that the data state; or in
-// the box of init_extent; or in the space that the cameras look at (host/api/camera_rig.hpp). Never makes
-// more than cap_max splats.
+// Makes the initial model, with at most cap_max splats. Places them, in this order of preference: at the
+// points of the data; inside of the depth bounds that the data state; in the box of init_extent; in the space
+// that the cameras look at (host/api/camera_rig.hpp).
 SplatModel initial_model(const Dataset& data, const Split& train, const TrainSettings& settings);
 
 }  // namespace ubs

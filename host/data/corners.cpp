@@ -19,7 +19,7 @@ constexpr double kCornerQuality = 2e-3;  // minimum quality, relative to the str
 constexpr double kCornerDistance = 2;    // [px] minimum distance between two corners
 constexpr float kCornerSize = 3;         // [px] size of the descriptor of a dense corner
 constexpr int kFeatures = 3000, kOctaveLayers = 3;
-// OpenCV's default is 0.04, which gives too few features in small images
+// OpenCV's default is 0.04, which gives too few features in small images.
 constexpr double kFeatureContrast = 0.005;
 constexpr double kStrip = 16;  // [px] width of the strips that corners are sorted into
 // Maximum ratio of the distances of the best and the second best descriptor in the band.

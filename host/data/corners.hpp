@@ -24,10 +24,10 @@ struct Corners {
   std::vector<Pixel> at;
   std::vector<std::array<std::uint8_t, 3>> colours;
   cv::Mat descriptors;  // float, one row per corner
-  // indices of the corners in each strip of columns, sorted by row
+  // For each strip of columns: the indices of its corners, sorted by row.
   std::vector<std::vector<std::size_t>> strips;
   const Camera& camera() const { return picture.camera; }
-  // Size of a pixel of the searched image, in pixels of the camera
+  // Size of a pixel of the searched image, in pixels of the camera.
   double pixel() const { return picture.across; }
 };
 

@@ -56,7 +56,7 @@ void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
 // to meta.json. The axes are those of PLY files. Versions 2 and 1 are read; a ZIP archive of version 2 is
 // written.
 ImportedSplats read_sog(const std::filesystem::path& path);
-// Does not remove splats, so indices stay those of the file
+// Does not remove splats, so the indices are those of the file.
 ImportedSplats load_sog(const std::filesystem::path& path);
 // Returns the path of the file `member` that the file `path` names. Throws Error(data) if it is not in the
 // same folder.
@@ -96,7 +96,8 @@ void write_usdc_series(const std::filesystem::path& path, const SplatSeries& ser
 inline constexpr float kHalfTurnSigns[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
 inline constexpr std::size_t kMaxDeflateRatio = 1032;  // maximum compression ratio of deflate
-// inflate.cpp. These decompress at most `limit` bytes; more bytes, or damaged data, are an error.
+// The following functions are in inflate.cpp. They decompress at most `limit` bytes; it is an error if there
+// are more, or if the data are damaged.
 std::vector<std::byte> inflate_gzip(std::span<const std::byte> packed, std::size_t limit,
                                     const std::string& name);
 // Returns the first `size` bytes, or fewer if there are no more.

@@ -23,7 +23,7 @@ constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChu
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
 constexpr std::size_t kLeastSplatBytes = 14;
-// Tolerance of node transforms that should be the identity: a few float32 steps at 1
+// Tolerance of node transforms that should be the identity: a few float32 steps at 1.
 constexpr double kNodeRounding = 1e-6;
 
 std::string sh_name(int degree, int order) {

@@ -70,7 +70,7 @@ std::optional<Ray> unproject_plane(const LensCoefficients& k, const PlanePoint& 
 template <Distort distort>
 std::optional<PlanePoint> project_angle(const LensCoefficients& k, const Ray& ray) {
   const double r = std::hypot(ray[0], ray[1]);
-  // Directly behind the camera: every direction of the image would fit
+  // The point is directly behind the camera: every direction of the image would fit.
   if (r == 0 && !(ray[2] > 0)) return std::nullopt;
   const double ratio = r > 1e-12 * std::abs(ray[2]) ? std::atan2(r, ray[2]) / r : 1 / ray[2];
   return distort(k, {ratio * ray[0], ratio * ray[1]});

@@ -60,8 +60,8 @@ std::string known_lens_models();
 // Splits names that are separated by blanks.
 std::vector<std::string_view> words_of(std::string_view names);
 
-// Throws Error(data) that starts with `where` unless the focal lengths are positive and the coefficients are
-// in the domain of the formula.
+// Throws Error(data) whose message starts with `where` unless the focal lengths are positive and the
+// coefficients are in the domain of the formula.
 void check_lens(const Lens& lens, const std::string& where);
 
 // Returns the pixel position that sees `ray`; nullopt if the lens does not see it.

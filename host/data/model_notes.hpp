@@ -31,7 +31,7 @@ ModelNotes make_notes(std::vector<std::pair<std::string, std::string>> drawing,
                       std::span<const Camera> cameras);
 std::vector<std::string> comments_of(const ModelNotes& notes);
 // Parses the comments of a header. Values that are not there stay empty, and unknown keys are skipped. Throws
-// Error(data) that starts with `name` for lines that do not have the form above.
+// Error(data) whose message starts with `name` for lines that do not have the form above.
 ModelNotes notes_of(std::span<const std::string> comments, const std::string& name);
 
 }  // namespace ubs

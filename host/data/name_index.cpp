@@ -257,7 +257,7 @@ std::optional<NameIndex::Match> NameIndex::best(std::string_view path,
 std::string NameIndex::nearest(std::string_view path) const {
   const std::string wanted = last_component(folded_name(path));
   std::string result;
-  // Paths with more changes count as different names
+  // Paths with more changes count as different names.
   std::size_t least = std::max<std::size_t>(wanted.size() / 2, 2) + 1;
   for (const Entry& entry : entries_) {
     if (entry.folded.empty()) continue;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// NameIndex finds the file that a data set names if the stated path differs in ways that are usual between
-// machines and systems: in capitals, in the Unicode form of accents (macOS decomposes them), in the folder
-// separator, in the image extension, or in the parent folders. It compares paths only and does not access
-// files.
+// NameIndex finds the file that a data set names, even if the stated path differs from the actual path in
+// ways that are usual between machines and systems: in capitals, in the Unicode form of accents (macOS
+// decomposes them), in the folder separator, in the image extension, or in the parent folders. It compares
+// paths only and does not access files.
 #pragma once
 
 #include <cstddef>
@@ -36,8 +36,8 @@ class NameIndex {
     bool whole = false;  // all components agree; otherwise only the end of the path agrees
   };
   // Returns the path that agrees with `path` in the largest number of components, counted from the end, if
-  // exactly one path does. Among equal ones, a path with the same extension is preferred, then one with the
-  // same spelling. `accept` restricts the search to some numbers.
+  // there is exactly one such path. If several paths agree equally well, one with the same extension is
+  // preferred, then one with the same spelling. `accept` restricts the search to some numbers.
   template <typename Accept>
   std::optional<Match> find(std::string_view path, const Accept& accept) const {
     std::vector<std::size_t> candidates;
@@ -48,8 +48,8 @@ class NameIndex {
 
   // Returns how many paths agree with `path` in the last component, without its extension.
   std::size_t count_alike(std::string_view path) const { return same_stem(path).size(); }
-  // Returns the path whose last component is reached with the fewest changes of letters; an empty string if
-  // none is similar.
+  // Returns the path whose last component differs from that of `path` in the fewest letters; an empty string
+  // if none is similar.
   std::string nearest(std::string_view path) const;
 
   const std::string& path(std::size_t number) const { return entries_[number].path; }

@@ -65,7 +65,7 @@ Camera parse_camera(const Json& json) {
   return c;
 }
 
-// Builds the header's entries of consecutive blocks: offset, size and CRC-32 of each.
+// Builds the header's entries for consecutive blocks: offset, size and CRC-32 of each.
 class BlockList {
  public:
   Json add(std::span<const std::byte> bytes) {

@@ -116,8 +116,8 @@ bool is_group_element(const std::string& name) {
 
 std::string groups_text(std::span<const int> dims) { return fmt::format("{}", fmt::join(dims, ",")); }
 
-// Returns the list of the line `ubs groups <list>` and removes the line from the comments. Returns an empty
-// string if there is no such line.
+// Returns the list that the comment line `ubs groups <list>` contains and removes this line from the
+// comments. Returns an empty string if there is no such line.
 std::string take_groups(std::vector<std::string>& comments, const std::string& name) {
   const std::string prefix = fmt::format("{}{} ", kSwitchPrefix, kGroupsKey);
   std::string text;

@@ -50,7 +50,7 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
             cv::Mat& pixels) {
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
-  // Also for tRNS: it is an ancillary chunk, but changes pixels
+  // This also applies to tRNS: it is an ancillary chunk, but it changes pixels.
   png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
   png_set_user_limits(png, kMaxAcross, kMaxAcross);
   png_read_info(png, info);

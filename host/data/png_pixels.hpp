@@ -21,9 +21,9 @@ namespace ubs {
 bool is_png(std::span<const std::byte> file);
 
 // Returns the stored values, without applying gamma or a colour profile, with 8 or 16 bits each. The channels
-// are grey; B, G, R; or B, G, R, alpha (also for grey with alpha). Throws Error(data) that starts with `name`
-// for everything that libpng reports, including wrong checksums of any chunk, and for image sizes that a file
-// of this length cannot hold.
+// are grey; B, G, R; or B, G, R, alpha (also for grey with alpha). Throws Error(data) whose message starts
+// with `name` for everything that libpng reports, including wrong checksums of any chunk, and for image sizes
+// that a file of this length cannot hold.
 cv::Mat decode_png(std::span<const std::byte> file, const std::string& name);
 
 }  // namespace ubs

@@ -47,7 +47,8 @@ UbszParts pack_ubsz_levels(std::span<const UbszLevel> levels, std::span<const st
 std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::string> comments,
                                  std::span<const UbszSteps> steps = {});
 
-// These two throw Error(data) that starts with `name` for any damage.
+// If the data are damaged in any way, these two functions throw an Error(data) whose message starts with
+// `name` or with the name of the file.
 MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name,
                        std::vector<std::string>* comments = nullptr);
 MixedModel read_ubsz(const std::filesystem::path& path, std::vector<std::string>* comments = nullptr);

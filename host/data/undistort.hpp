@@ -31,7 +31,7 @@ struct Undistortion {
 double degrees_covered(const Lens& lens);
 
 // Returns the largest upright rectangle of the ideal image in which the lens saw every pixel. If the
-// parameters leave no usable rectangle, throws an error that starts with `where`.
+// parameters leave no usable rectangle, throws an error whose message starts with `where`.
 Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
 // Returns the faces of the cube that show a part of the image, each cropped to that part. The focal length of

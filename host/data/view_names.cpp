@@ -37,7 +37,7 @@ std::string shortened(const std::string& name) {
   if (name.size() <= kLongestName) return name;
   const std::string end = fmt::format("~{:016x}", name_hash(name));
   std::size_t kept = kLongestName - end.size();
-  // Cuts between characters
+  // Does not cut inside of a UTF-8 character.
   while (kept > 0 && (static_cast<unsigned char>(name[kept]) & 0xc0) == 0x80) --kept;
   return name.substr(0, kept) + end;
 }

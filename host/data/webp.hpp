@@ -18,7 +18,7 @@ struct Rgba8 {
 // The colours of pixels with alpha 0 may be lost.
 std::vector<std::byte> encode_webp(const Rgba8& image);
 // Decodes an image of at most `most_pixels` pixels. Refuses lossy images, because the pixels encode data.
-// Throws Error(data) that starts with `name`.
+// Throws Error(data) whose message starts with `name`.
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name);
 
 }  // namespace ubs

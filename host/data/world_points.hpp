@@ -18,7 +18,8 @@ struct WorldPoints {
   std::vector<std::array<std::uint8_t, 3>> colours;  // same number as positions
 };
 
-// Throws Error(data) that starts with `where` if a point is not finite or beyond kMaxMagnitude (camera.hpp).
+// Throws Error(data) whose message starts with `where` if a point is not finite or beyond kMaxMagnitude
+// (camera.hpp).
 void check_point(const std::array<double, 3>& position, std::size_t index, const std::string& where);
 
 // Reads a file. Points without colour get 127, the grey of the random initialisation (method.md 1.3).

@@ -23,7 +23,7 @@ class ZipWriter {
   std::size_t members_ = 0;
 };
 
-// Any damage is reported as Error(data) that starts with `name`. The bytes must outlive the reader.
+// Any damage is reported as Error(data) whose message starts with `name`. The bytes must outlive the reader.
 class ZipReader {
  public:
   ZipReader(std::span<const std::byte> file, std::string name);

@@ -22,8 +22,8 @@ constexpr auto reading_of = [](auto& s) {
   return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
 };
 
-// If a data folder was passed instead of a model: returns a hint to the run that 'ubs train' wrote next to
-// it.
+// If the user passed a data folder instead of a model: returns a hint that names the run that 'ubs train'
+// wrote next to the folder.
 std::string run_beside(std::filesystem::path folder) {
   if (!folder.has_filename()) folder = folder.parent_path();  // after a trailing slash
   const std::filesystem::path run = folder.string() + "-ubs";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ModelOptions has the options that commands share which render a model (host/api/model_session.hpp), such as
-// render, eval and gradients.
+// ModelOptions has the options that are common to all commands for rendering a model
+// (host/api/model_session.hpp), such as render, eval and gradients.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -36,8 +36,8 @@ inline constexpr const char* kRunDataHelp =
     "data folder or packed file [the data that the run was trained on]";
 inline constexpr const char* kModelHelp =
     "model of any format (docs/data.md), or output folder of 'ubs train'";
-// Adds the option for the model of a command: a file, or the output folder of a run, which stands for the
-// model in it.
+// Adds the option for the model of a command. The user may pass a file, or the output folder of a run; then
+// the model in that folder is used.
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);
 

@@ -22,7 +22,8 @@ void add_overwrite_option(CLI::App& app, bool& overwrite);
 // ordinary file, or if its folder is not writable. Empty paths are skipped.
 void check_output_files(const Paths& files, const Paths& inputs, bool overwrite);
 
-// Only checks for existing files (Error(usage)) and files that are not ordinary files (Error(data)).
+// Makes only two of these checks: throws Error(usage) for files that exist and Error(data) for files that are
+// not ordinary files.
 void check_free(const Paths& files, bool overwrite);
 
 // Throws Error(usage) if the folder is one of the `data` or contains it, or if it is a folder inside the data

@@ -17,10 +17,10 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kDefaultFov = 50;  // degrees
 constexpr int kPicturesAround = 4;
-constexpr const char* kSuitable = "suitable";  // chosen from the cameras; users cannot select it
+constexpr const char* kSuitable = "suitable";  // internal: ubs chooses the path from the cameras
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
-// Returns the numbers between separators; empty if the text has any other form.
+// Returns the numbers in the text, which `separator` separates; empty if the text has any other form.
 template <typename Number>
 std::vector<Number> numbers(std::string_view text, char separator) {
   std::vector<Number> found;

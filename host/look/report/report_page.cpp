@@ -95,7 +95,7 @@ Json view_json(const ReportRuns& runs, const std::string& name, PictureList& pic
     of_run["render"] = pictures.add(render, kLongestSide);
     if (view->truth && view->truth->width == render.width && view->truth->height == render.height) {
       const double psnr = psnr_channel_mean(*view->truth, render);
-      // null: the PSNR is infinite because a channel is equal
+      // The value is null if the PSNR is infinite because a channel is equal in both images.
       of_run["psnr"] = std::isfinite(psnr) ? Json(psnr) : Json();
       of_run["error"] = pictures.add(error_image(*view->truth, render, kErrorTop), kLongestSide);
     }

@@ -156,7 +156,7 @@ std::string LiveTraining::summary() const {
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
   Painter painter(session.device(), session.stages(), session.settings());
-  // An intersection takes 24 bytes, and more for sorting
+  // An intersection takes 24 bytes, and more for sorting.
   const std::uint64_t most = session.device().info().memory_bytes / 64;
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
   server.start(live_page(scene, false));

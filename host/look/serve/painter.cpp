@@ -19,7 +19,7 @@ constexpr int kQuality = 90;
 Outcome Painter::Bounded::run(const Operation& operation) {
   Outcome outcome = stages_.run(operation);
   const auto* count = std::get_if<CountLists>(&operation);
-  // The lists keep their allocated size
+  // The lists keep their allocated size.
   if (count == nullptr || count->totals.memory != nullptr) return outcome;
   if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
     fail(ErrorKind::memory,

@@ -35,7 +35,8 @@ std::string model_script(std::span<const std::byte> model, bool first = true) {
                      first ? " id=\"ubs-model\"" : "", base64(bytes));
 }
 
-// `model`: markup of the model data that is in the page before the viewer starts.
+// `model`: the markup of the model data that the page contains before the viewer starts; empty if the page
+// adds the data after the viewer.
 std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section,
                            const std::string& model) {
   return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +

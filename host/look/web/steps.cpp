@@ -139,9 +139,9 @@ MixedModel rounded_groups(const MixedModel& model, const std::vector<UbszSteps>&
   return out;
 }
 
-// Returns the splats sorted by importance, the most important first. The importance is the squared error of
-// the pixels that removing the splat would cause if they were linear in the opacity. The derivative of the
-// opacity o with respect to its raw value is o (1 - o).
+// Returns the splats sorted by importance, the most important first. The importance is an estimate of the
+// squared error of the pixels if the splat was removed. It assumes that the pixels are linear in the opacity
+// o, whose derivative with respect to its raw value is o (1 - o).
 std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivity& h) {
   std::vector<double> losses;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {

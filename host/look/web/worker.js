@@ -378,7 +378,7 @@ function prepare(group, s) {
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
   const angular = (dim) => dim >= 6, temporal = (dim) => dim === 4 || dim === 5 || dim >= 7;
-  // weights, stored in the rows of betas
+  // In this case the rows of betas contain weights.
   const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';
   const has = (l) =>
       (kind === 'spatial' ? s.kernel === 'beta' :
