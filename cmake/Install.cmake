@@ -1,4 +1,5 @@
-# Installation with cmake --install BUILD --prefix DIR [--component NAME], and packages with cpack -G DEB.
+# Defines what `cmake --install BUILD --prefix DIR [--component NAME]` installs and what the package of `cpack
+# -G DEB` contains.
 # Components:
 #   library      libubs.so.1
 #   development  headers, libubs.a, the packages for find_package(ubs) and pkg-config

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions of `ubs devices` with long output: --check and --doctor. `devices` are names as for --device; if
-// it is empty, UBS_DEVICE, or all devices if that is not set. Both return the exit code.
+// check_devices() and diagnose() are the parts of `ubs devices` with long output: --check and --doctor.
+// `devices` are names as for --device. If it is empty, UBS_DEVICE is used, or all devices if UBS_DEVICE is
+// not set. Both functions return the exit code.
 #pragma once
 
 #include <string>

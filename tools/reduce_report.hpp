@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The results of `ubs reduce`, as JSON and as a table.
+// ReductionReport has the results of `ubs reduce`, which are written as JSON and as a table.
 #pragma once
 
 #include <optional>

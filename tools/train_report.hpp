@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Output of `ubs train` about a run: its start, the final summary and metrics.json.
+// These functions make the output of `ubs train` about a run: its start, the final summary and metrics.json.
 #pragma once
 
 #include <optional>

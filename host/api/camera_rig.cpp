@@ -23,8 +23,10 @@ constexpr double kFilled = 0.9;
 // Range of depths relative to the depth of the meeting point. For comparison, 96 % of the points are at: cup
 // 0.5 to 1.6, bonsai 0.8 to 4.0, fern 0.6 to 2.1.
 constexpr double kNearer = 0.5, kFarther = 4;
-// Without a meeting point, the distance between the cameras is the only known length. Parallel cameras are
-// close together (fern: depths of 3.8 to 13); other cameras move through the scene.
+// Without a meeting point, the only known length is the spread of the cameras, so the range of depths is a
+// multiple of it. It is a larger multiple for parallel cameras, which are close together compared with the
+// scene (fern: depths of 3.8 to 13). Other cameras move through the scene, which can also be closer than
+// their spread.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
 // Minimum depth of the meeting point, relative to the spread of the cameras. A smaller depth means that the
@@ -87,7 +89,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double half = kFilled * median(cameras, [&](const Camera& c) {
                         return 0.5 * depth_of(*meeting, c) * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
-  const auto shown = [&](std::size_t k) {  // rounding errors count as 0
+  const auto shown = [&](std::size_t k) {  // shows values that are only rounding errors as 0
     return std::abs((*meeting)[k]) < 1e-6 * depth ? 0.0 : (*meeting)[k];
   };
   return {

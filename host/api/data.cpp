@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for data sets, which are opened from files or made from arrays.
+// This file implements the C interface for data sets, which are opened from files or made from arrays.
 #include <cmath>
 
 #include "host/api/handles.hpp"

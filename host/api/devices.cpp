@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for devices.
+// This file implements the C interface for devices.
 #include "host/api/handles.hpp"
 #include "host/device/registry.hpp"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface: version, errors, log.
+// This file implements the C interface for version, errors and log.
 #include <cstdio>
 
 #include "host/api/handles.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for comparing images.
+// This file implements the C interface for comparing images.
 #include <cstdlib>
 #include <limits>
 #include <optional>

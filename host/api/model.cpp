@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for models in host memory.
+// This file implements the C interface for models in host memory.
 #include "host/api/export_model.hpp"
 #include "host/api/handles.hpp"
 #include "host/api/model_session.hpp"

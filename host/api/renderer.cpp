@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for a model on a device: rendered images, and gradients with respect to what was rendered.
+// This file implements the C interface for a model on a device: rendered images, and gradients with respect
+// to what was rendered.
 #include <cmath>
 #include <optional>
 #include <span>

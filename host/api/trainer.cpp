@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// C interface for training.
+// This file implements the C interface for training.
 #include "host/train/trainer.hpp"
 
 #include <algorithm>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader of COLMAP's text files. They have one record per line, and lines that start with '#' are comments.
-// In images.txt every second line holds observations and may be empty. Error messages name file and line.
+// This file reads COLMAP's text files. They have one record per line, and lines that start with '#' are
+// comments. In images.txt every second line holds observations and may be empty. Error messages name file and
+// line.
 #include <algorithm>
 #include <charconv>
 #include <cmath>

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader of SuperSplat's compressed PLY; see foreign_formats.hpp.
-// Element chunk: bounds of the positions and log scales of 256 splats each, and of their colours since
-// version 2.
-// Element vertex: position and scale in 11+10+11 bits each, rotation in 2 bits (index of the largest
-// component) + 3 x 10 bits, colour and opacity in 4 x 8 bits.
-// Element sh: f_rest_* in 8 bits each.
+// Reads SuperSplat's compressed PLY; see foreign_formats.hpp. The file has three elements:
+// - chunk: bounds of the positions and log scales of 256 splats each, and of their colours since version 2
+// - vertex: position and scale in 11+10+11 bits each, colour and opacity in 4 x 8 bits, rotation in 2 bits
+//   (index of the largest component) + 3 x 10 bits
+// - sh: f_rest_* in 8 bits each
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

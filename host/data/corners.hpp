@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Corners (keypoints) of images, and matching of corners between two images. Used to find scene points that
-// several images show (triangulate.hpp) and to correct cameras (align_cameras.hpp).
+// find_corners() finds the corners (keypoints) of an image; other functions match corners between two images.
+// They are used to find scene points that several images show (triangulate.hpp) and to correct cameras
+// (align_cameras.hpp).
 #pragma once
 
 #include <array>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Readers and writers of third-party splat formats (docs/data.md). splat_file.hpp chooses among them. Readers
-// skip splats that cannot be rendered and count them in the report. Writers never leave an incomplete file.
+// These functions read and write third-party splat formats (docs/data.md). splat_file.hpp chooses among them.
+// Readers skip splats that cannot be rendered and count them in the report. Writers never leave an incomplete
+// file.
 #pragma once
 
 #include <array>
@@ -117,8 +118,8 @@ void put_number(std::vector<std::byte>& out, T value) {
   for (std::size_t b = 0; b < sizeof(T); ++b) out.push_back(static_cast<std::byte>(value >> 8 * b));
 }
 
-// Moves the lowest 21 bits of v to every third bit. Three coordinates spread like this and interleaved give a
-// Morton code, which orders positions along a space-filling curve.
+// Moves the lowest 21 bits of v to every third bit. If three coordinates are treated in this way and
+// interleaved, the result is a Morton code, which orders positions along a space-filling curve.
 inline std::uint64_t spread_bits(std::uint64_t v) {
   std::uint64_t out = 0;
   for (int b = 0; b < 21; ++b) out |= (v >> b & 1) << 3 * b;

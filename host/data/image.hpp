@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loading and saving of image files. Loading follows method.md 4.5: transparent pixels are composited on the
-// background and truncated to 8 bits at full size; then the image is reduced.
+// These functions load and save image files. Loading follows method.md 4.5: transparent pixels are composited
+// on the background and truncated to 8 bits at full size; then the image is reduced.
 #pragma once
 
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The functions of image.hpp and image_info.hpp that decode files with OpenCV.
+// This file has the functions of image.hpp and image_info.hpp that decode files with OpenCV.
 #include <algorithm>
 #include <cmath>
 #include <cstring>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image sources (ImageSource) that decode the image of a view on demand. The image is composited, undistorted
-// and reduced, in this order. If a cache folder is given, it stores the results, so that the work is done
-// only once.
+// These functions make image sources (ImageSource), which decode the image of a view on demand. The image is
+// composited, undistorted and reduced, in this order. If a cache folder is given, it stores the results, so
+// that the work is done only once.
 #pragma once
 
 #include <array>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replacements for the OpenCV functions in a build without OpenCV (UBS_OPENCV=OFF). Packed data sets can be
-// read; functions that would decode images or videos throw an error that says what they need.
+// This file replaces the functions that use OpenCV in a build without OpenCV (UBS_OPENCV=OFF). Such a build
+// can read packed data sets. The functions that would decode images or videos throw an error that says what
+// they need.
 #include <span>
 #include <vector>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compression and decompression with gzip (zlib) and Zstandard. The output size is limited, because a few
+// Compresses and decompresses data with gzip (zlib) and Zstandard. The output size is limited, because a few
 // kilobytes of compressed data can expand to gigabytes.
 #include <zlib.h>
 #include <zstd.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera models of COLMAP and nerfstudio. A table lists their numbers, names and parameters, and their
-// projections with inverses. Used to resample a distorted image to an ideal pinhole camera of the same focal
-// length, because the rasteriser supports only pinhole cameras.
+// lens_models() is the table of the camera models of COLMAP and nerfstudio: their numbers, names and
+// parameters, and their projections with inverses. They are used to resample a distorted image to an ideal
+// pinhole camera of the same focal length, because the rasteriser supports only pinhole cameras.
 #pragma once
 
 #include <array>

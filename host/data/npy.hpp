@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader and writer of NumPy .npy files, format 1.0, with little-endian float32 or float64 in C order. They
-// serve to exchange data with Python scripts and reference data. Anything else (integers, Fortran order) is
-// refused with an error that names it.
+// These functions read and write NumPy .npy files, format 1.0, with little-endian float32 or float64 in C
+// order. They serve to exchange data with Python scripts and reference data. Anything else (integers, Fortran
+// order) is refused with an error that names it.
 #pragma once
 
 #include <cstddef>

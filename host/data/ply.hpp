@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader and writer of the published splat file (method.md 5.1): binary_little_endian, one element vertex,
-// float32 properties in the order of ParameterLayout, raw values. The reader finds properties by name, in any
-// order and of any scalar type, ignores unknown ones and infers N from the scale_* properties.
+// These functions read and write the published splat file (method.md 5.1): binary_little_endian, one element
+// vertex, float32 properties in the order of ParameterLayout, raw values. The reader finds properties by
+// name, in any order and of any scalar type, ignores unknown ones and infers N from the scale_* properties.
 // The variant of the method (model_variant.hpp) is recorded in comment lines `ubs <key> <value>`; the
 // published variant has none.
 // Models with splats of several dimensions have groups. The first group is the element vertex, so that other

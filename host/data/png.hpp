@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writer of PNG files that needs only zlib, because builds without OpenCV have no libpng.
+// encode_png() and write_png() write PNG files. They need only zlib, because builds without OpenCV have no
+// libpng.
 #pragma once
 
 #include <cstddef>

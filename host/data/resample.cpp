@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Separable resampling, columns first, with an 8-bit intermediate image. The weights are those of the Keys
-// kernel (a = -1/2), stretched by the reduction factor, normalised, and rounded to 22 fractional bits. The
-// sums are integers, so the result is exact on every machine. The method is documented in Pillow's handbook
-// ("Filters"), and the result was compared byte by byte with Pillow 13.0 (tests/data/image_test.cpp).
+// resize_bicubic() resamples the columns first and then the rows, with an 8-bit intermediate image. The
+// weights are those of the Keys kernel (a = -1/2), stretched by the reduction factor, normalised, and rounded
+// to 22 fractional bits. The sums are integers, so the result is exact on every machine. The method is
+// documented in Pillow's handbook ("Filters"), and the result was compared byte by byte with Pillow 13.0
+// (tests/data/image_test.cpp).
 #include "host/data/resample.hpp"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras, sampling and files of the procedural data sets; see synthetic.hpp.
+// Makes the cameras, samples and files of the procedural data sets; see synthetic.hpp.
 #include "host/data/synthetic.hpp"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// undistort() of undistort.hpp, which resamples with OpenCV.
+// undistort() (undistort.hpp) resamples images with OpenCV.
 #include "host/data/undistort.hpp"
 
 #include <opencv2/core.hpp>

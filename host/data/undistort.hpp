@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Resampling of images to pinhole cameras, the only cameras that the rasteriser supports. An image of a lens
-// with distortion becomes one pinhole view of the same focal length. For a wide image, of more than 110
-// degrees, one view would need many pixels for little detail at its border, and beyond 180 degrees one view
-// is impossible. So a wide image becomes several views of 90 degrees from the same position: the faces of a
-// cube around the camera.
+// undistort() resamples images to pinhole cameras, the only cameras that the rasteriser supports. An image of
+// a lens with distortion becomes one pinhole view of the same focal length. For a wide image, of more than
+// 110 degrees, one view would need many pixels for little detail at its border, and beyond 180 degrees one
+// view is impossible. So a wide image becomes several views of 90 degrees from the same position: the faces
+// of a cube around the camera.
 #pragma once
 
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image sources that deliver frames of a video file, decoded by OpenCV.
+// These functions open video files and make image sources that deliver their frames, decoded by OpenCV.
 #pragma once
 
 #include <array>

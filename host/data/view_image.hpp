@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that join a view with its image file: size, undistortion, reduction, intrinsics (docs/data.md).
-// Used by all layouts whose cameras state a lens.
+// These functions join a view with its image file: size, undistortion, reduction, intrinsics (docs/data.md).
+// They are used by all layouts whose cameras state a lens.
 #pragma once
 
 #include <filesystem>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that make the names of views safe and unique. Commands write a file for each view, named after
+// These functions make the names of views safe and unique. Commands write a file for each view, named after
 // it, but the names come from untrusted data: JSON files, COLMAP models, packed files. load_dataset passes
 // every view of every layout through these functions, so that "<name>.png" in a folder is a file in that
 // folder, and a different file for each view.

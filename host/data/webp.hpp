@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reader and writer of lossless WebP images with four channels of 8 bits, using OpenCV.
+// encode_webp() and decode_webp() write and read lossless WebP images with four channels of 8 bits, using
+// OpenCV.
 #pragma once
 
 #include <cstddef>

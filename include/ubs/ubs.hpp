@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// C++20 interface of ubs: the functions of ubs.h as classes that own their handles, with spans and
-// exceptions. This is a header-only wrapper; ubs.h describes what each call means, its units and its errors.
+// ubs.hpp is the C++20 interface of ubs: the functions of ubs.h as classes that own their handles, with spans
+// and exceptions. This is a header-only wrapper; ubs.h describes what each call means, its units and its
+// errors.
 //
 //   ubs::Device device("cpu");
 //   ubs::Data data("scene");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Date, host and command line, which are stored with measurements.
+// These functions return the date, the host and the command line, which are stored with measurements.
 #pragma once
 
 #include <string>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The help texts of the program: commands in groups, two examples at the top of each help, rarely used
-// options only with --help-all, and suggestions for misspelt options.
+// These functions make the help texts of the program: commands in groups, two examples at the top of each
+// help, rarely used options only with --help-all, and suggestions for misspelt options.
 #pragma once
 
 #include <string>

@@ -13,7 +13,7 @@ constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
 // Programs such as `timeout` send the same signal twice, to the process and to its group.
 constexpr std::time_t kSameRequestSeconds = 2;
 
-// As it was when the program started; later, LLVM in OpenCL drivers replaces the handlers.
+// This must be read when the program starts, because LLVM in OpenCL drivers replaces the handlers later.
 const bool hangup_ignored = [] {
   struct sigaction found = {};
   return sigaction(SIGHUP, nullptr, &found) == 0 && found.sa_handler == SIG_IGN;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// InterruptGuard turns the signals SIGINT, SIGTERM and SIGHUP (closed terminal) into a state that a loop can
-// query, while the object exists. A second signal, two seconds or more later, has its usual effect, so that a
-// stuck process can still be ended. If SIGHUP is ignored (nohup), it stays ignored.
+// InterruptGuard lets a loop end cleanly. While the object exists, the signals SIGINT, SIGTERM and SIGHUP
+// (closed terminal) only set a state that the loop can query. A second signal, two seconds or more later, has
+// its usual effect, so that a stuck process can still be ended. If SIGHUP is ignored (nohup), it stays
+// ignored.
 #pragma once
 
 #include <array>
@@ -21,8 +22,8 @@ class InterruptGuard {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
-// While an object of this class exists, such a signal ends the program immediately, with a message and
-// kInterruptedExitCode. For work that leaves nothing behind.
+// While an object of this class exists, any of these signals ends the program immediately, with a message and
+// kInterruptedExitCode. Used for work that leaves nothing behind.
 class EndOnRequest {
  public:
   // `line` is printed to stderr. It must exist until the program ends, like a string literal.

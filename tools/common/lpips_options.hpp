@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options --lpips, --lpips-weights and --lpips-range, for every command that measures images.
+// LpipsOptions has the options --lpips, --lpips-weights and --lpips-range of every command that measures
+// images.
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Range checks for options that are numbers. They replace CLI11's checks, which print the largest double with
-// all its digits and accept NaN.
+// These functions make range checks for options that are numbers. They replace CLI11's checks, which print
+// the largest double with all its digits and accept NaN.
 #pragma once
 
 #include <fmt/format.h>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Output and JSON objects that several subcommands share (tools/common/streams.hpp). Numbers that JSON cannot
-// express, such as the infinite PSNR of an exact image, become null.
+// These functions print output and make JSON objects for several subcommands (see also
+// tools/common/streams.hpp). Numbers that JSON cannot express, such as the infinite PSNR of an exact image,
+// become null.
 #pragma once
 
 #include <fmt/format.h>

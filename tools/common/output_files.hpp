@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks, before a command starts to work, where it may write: existing files are only replaced with
-// --overwrite, and inputs never.
+// These functions check where a command may write, before it starts to work. Existing files are only replaced
+// with --overwrite, and inputs are never replaced.
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The plan of a run as text and as JSON.
+// These functions convert the plan of a run to text and to JSON.
 #pragma once
 
 #include <string>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Version information of the executable, in addition to host/base/version.hpp.
+// These functions return version information of the executable, in addition to host/base/version.hpp.
 #pragma once
 
 #include <string>

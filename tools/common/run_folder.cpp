@@ -49,7 +49,7 @@ std::vector<std::size_t> rendered_views(const Split& split, int count) {
   return chosen;
 }
 
-// Returns an image of two images of the same height next to each other.
+// Returns an image that shows two images of the same height next to each other.
 Image8 side_by_side(const Image8& left, const Image8& right) {
   Image8 both{left.width + right.width, left.height, {}};
   both.rgb.resize(left.rgb.size() + right.rgb.size());
@@ -126,7 +126,8 @@ void RunFolder::write_config(TrainSettings settings) {
   write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
-// Removes rows after the checkpoint, because they are written again, and an incomplete last row.
+// Removes an incomplete last row, and the rows after the checkpoint, because the continued run writes them
+// again.
 void RunFolder::resume(TrainSettings settings, int iteration) {
   if (!writes_) return;
   write_config(settings);
@@ -152,7 +153,7 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
   };
   if (path_exists(log_file())) {
     const std::string row = first_row_of(read_text_file(log_file()));
-    // A row after the checkpoint was written by the same run later.
+    // If the first row is of a later iteration than the checkpoint, the same run wrote it afterwards.
     if (!row.empty() && row != checkpoint.first_row &&
         (!checkpoint.first_row.empty() || std::atoi(row.c_str()) <= checkpoint.state.iteration))
       refuse(log_file(), fmt::format("whose first row is '{}', not '{}'", row, checkpoint.first_row));
@@ -226,7 +227,7 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
   if (finished) {
     refined = trainer.cameras().learnt();
     held_out = trainer.cameras().held_out();
-  } else {  // an interrupted run does not fit cameras
+  } else {  // an interrupted run does not compute deviations
     for (const Camera& camera : trainer.cameras().train()) refined.push_back({camera, {NAN, NAN}});
   }
   for (std::vector<FittedCamera>* cameras : {&refined, &held_out})

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// RunFolder is the output folder of a training run. It contains config.yaml, log.csv and checkpoint.ubs
-// during the run; at the end model.ply, metrics.json, renders/, and cameras/ for runs that refine cameras.
-// All files except the log are written atomically. With --overwrite, a run replaces files of these names and
-// removes the renders that the metrics.json of an earlier run lists; it does not touch other files.
+// RunFolder is the output folder of a training run. During the run it contains config.yaml, log.csv and
+// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/; if the run refines
+// cameras, cameras/ as well. All files except the log are written atomically. With --overwrite, a run
+// replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
+// does not touch other files.
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options --serve [PORT] and --serve-host of `ubs train`, which show the training in a browser
-// (docs/web.md).
+// ServeOptions has the options --serve [PORT] and --serve-host of `ubs train`, which show the training in a
+// browser (docs/web.md).
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SettingsOptions has options that fill TrainSettings. There is one for each field in its table, and --spec
-// and --set for the same fields. Later ones override earlier ones in this order: defaults, --spec files,
-// --set, explicit options.
+// SettingsOptions has the options that fill TrainSettings: one option for each field in its table, and --spec
+// and --set, which can set any of these fields. Later ones override earlier ones in this order: defaults,
+// --spec files, --set, explicit options.
 #pragma once
 
 #include <CLI/CLI.hpp>

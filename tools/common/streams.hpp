@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Standard output and standard error of the subcommands. Results go to stdout, remarks to stderr. If a remark
-// cannot be written, the command continues. If a result cannot be written, this is an error (exit code 3),
-// even if the system reports it only at the end. If the reader of a pipe has gone away (`ubs info M.ply |
-// head -1`), a command that only prints ends without a message; a command that writes files continues, and
-// its output is discarded.
+// These functions write to standard output and standard error for the subcommands. Results go to stdout,
+// remarks to stderr. If a remark cannot be written, the command continues. If a result cannot be written,
+// this is an error (exit code 3), even if the system reports it only at the end. If the reader of a pipe has
+// gone away (`ubs info M.ply | head -1`), a command that only prints ends without a message; a command that
+// writes files continues, and its output is discarded.
 #pragma once
 
 #include <fmt/format.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that make histograms of many values with unknown spread. The bins, linear or logarithmic, cover
+// These functions make histograms of many values with unknown spread. The bins, linear or logarithmic, cover
 // most of the values; values outside of the bins are counted separately.
 #pragma once
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that build self-contained HTML pages: the document with its content security policy, and text and
-// data in a form in which nothing from a file or a folder name is interpreted as markup.
+// These functions build self-contained HTML pages: the document with its content security policy, and text
+// and data in a form in which nothing from a file or a folder name is interpreted as markup.
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Script of the page of `ubs report`. It builds the sections from the record and the images in the page, and
-// draws the charts with Chart.js. Names of runs, views and settings come from users, so every text is
-// inserted as a text node, never as markup.
+// This is the script of the page of `ubs report`. It builds the sections from the record and the images in
+// the page, and draws the charts with Chart.js. Names of runs, views and settings come from users, so every
+// text is inserted as a text node, never as markup.
 'use strict';
 {
   const record = JSON.parse(document.getElementById('ubs-record').textContent);

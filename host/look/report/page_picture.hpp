@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that make images for a page: data URIs, and colour images of errors, depth and alpha.
+// These functions make images for a page: data URIs, and colour images of errors, depth and alpha.
 #pragma once
 
 #include <span>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a live training or model. The page holds the camera and the server renders. The page requests
-// one image at a time; when it has arrived, it requests the next one from the newest camera. While something
-// moves, images have as many pixels as the server can render a few times per second; at rest, as many as it
-// can render within seconds.
+// This is the script of the page that shows a live training or model. The page holds the camera and the
+// server renders. The page requests one image at a time; when it has arrived, it requests the next one from
+// the newest camera. While something moves, images have as many pixels as the server can render a few times
+// per second; at rest, as many as it can render within seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;

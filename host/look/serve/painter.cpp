@@ -39,7 +39,7 @@ std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& cam
   renderer_.forward(groups, 0, settings_, false);
   const RenderedView view = renderer_.download();
   Image8 image = image_from_interleaved(view.rgb, view.width, view.height);
-  if (exact) {  // like PNG files that ubs writes
+  if (exact) {  // encoded like all PNG files that ubs writes
     const auto file = encode_png({image.width, image.height}, image.rgb.data());
     return {reinterpret_cast<const char*>(file.data()), file.size()};
   }

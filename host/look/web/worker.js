@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's worker. It unpacks the model (docs/web.md) and precomputes the values of each splat that do
-// not depend on the query. For each frame it slices, projects and sorts the splats. Section numbers and
-// formulas are those of docs/method.md. Everything is computed in double precision, so the measures against
-// rounding errors in kernels/math are not needed.
+// This is the worker (a background thread) of the viewer. It unpacks the model (docs/web.md) and precomputes
+// the values of each splat that do not depend on the query. For each frame it slices, projects and sorts the
+// splats. Section numbers and formulas are those of docs/method.md. Everything is computed in double
+// precision, so the measures against rounding errors in kernels/math are not needed.
 'use strict';
 
 const CLASSES = 6, PLACE_BITS = 17;

@@ -24,8 +24,8 @@ Result = TypeVar("Result")
 
 NAMES = ("xyz", "rgb", "opacity", "scale", "l_triangle")
 WIDTHS = (3, 3, 1, 3, 3)
-# Thickness of a flat splat, relative to its larger half-axis: slightly more than the minimum that the kernels do not
-# change (UBS_NEEDLE_CHOLESKY of kernels/limits.h).
+# Thickness of a flat splat, relative to its larger half-axis. The kernels raise smaller values than UBS_NEEDLE_CHOLESKY
+# (kernels/limits.h) to that minimum; this value is slightly above it.
 THICKNESS = 4e-4
 BEHIND = -1.0  # a depth that is not visible to any camera
 FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
