@@ -1,5 +1,6 @@
-# The libraries of a folder that tools/make_bundle.sh gathered (UBS_BUNDLE), under the names of their packages: for
-# machines that have a compiler, CMake and the CUDA toolkit alone. Headers as they are, archives linked statically.
+# Defines targets for the libraries in a folder made by tools/make_bundle.sh (UBS_BUNDLE), with the names of
+# their packages. For machines that have only a compiler, CMake and the CUDA toolkit. Some libraries are
+# header-only; the others are linked statically.
 foreach(part include/fmt/format.h include/CLI/CLI.hpp lib/libyaml-cpp.a lib/libz.a lib/libzstd.a)
   if(NOT EXISTS ${UBS_BUNDLE}/${part})
     message(FATAL_ERROR "UBS_BUNDLE: ${UBS_BUNDLE}/${part} is missing; make the folder with tools/make_bundle.sh")

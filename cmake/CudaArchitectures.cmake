@@ -1,6 +1,7 @@
-# ubs_cuda_architectures(VERSION OUT): what a compiler of that version makes code for where nobody chooses: machine code
-# from Turing on, and PTX of one, which drivers compile for cards between those (sm_110) and for later ones. That is not
-# the newest: PTX runs on what is newer than itself only.
+# ubs_cuda_architectures(VERSION OUT): sets OUT to the architectures that a CUDA compiler of this version
+# generates code for, if the user does not choose any. These are machine code from Turing on, and PTX for one
+# architecture, which drivers compile for cards between these (sm_110) and for later ones. PTX is not made for
+# the newest architecture, because it only runs on the same or newer architectures.
 function(ubs_cuda_architectures version out)
   set(list 75-real 80-real 86-real 89-real)
   if(version VERSION_GREATER_EQUAL 12.8)

@@ -1,6 +1,6 @@
-# Finds a CUDA compiler as UBS_CUDA asks for it (AUTO, ON, OFF) and sets UBS_WITH_CUDA.
-# Architectures: CMAKE_CUDA_ARCHITECTURES, else CUDAARCHS of the environment, else those of ubs_cuda_architectures.
-# Measured sizes and times: docs/cuda.md.
+# Finds a CUDA compiler as requested by UBS_CUDA (AUTO, ON, OFF) and sets UBS_WITH_CUDA. The architectures are
+# CMAKE_CUDA_ARCHITECTURES or, if that is not set, the environment variable CUDAARCHS or, if that is not set
+# either, those of ubs_cuda_architectures. Measured sizes and times are in docs/cuda.md.
 include(${CMAKE_CURRENT_LIST_DIR}/CudaArchitectures.cmake)
 set(UBS_WITH_CUDA OFF)
 if(UBS_CUDA STREQUAL "OFF")
@@ -18,7 +18,9 @@ endif()
 set(chosen ${CMAKE_CUDA_ARCHITECTURES})
 enable_language(CUDA)
 find_package(CUDAToolkit 12 REQUIRED)
-if(NOT chosen)  # what enable_language wrote to the cache the next run of CMake would take for a choice
+# enable_language writes its default to the cache. Remove it, or the next run of CMake would take it for a
+# choice of the user.
+if(NOT chosen)
   unset(CMAKE_CUDA_ARCHITECTURES CACHE)
   set(CMAKE_CUDA_ARCHITECTURES $ENV{CUDAARCHS})
   if(NOT CMAKE_CUDA_ARCHITECTURES)

@@ -1,5 +1,5 @@
-# OpenCV from its own CMake configuration, or, where only the packages of single modules are installed
-# (Debian keeps the configuration in libopencv-dev, which brings every module), from headers and libraries.
+# Finds OpenCV by its own CMake configuration. If only packages of single modules are installed, finds headers
+# and libraries instead (in Debian the configuration is in libopencv-dev, which installs every module).
 find_package(OpenCV QUIET CONFIG COMPONENTS ${OpenCV_FIND_COMPONENTS})
 if(OpenCV_FOUND)
   return()

@@ -1,13 +1,17 @@
-# cmake --install BUILD --prefix DIR [--component NAME], and packages by cpack -G DEB. Components:
+# Defines what `cmake --install BUILD --prefix DIR [--component NAME]` installs and what the package of `cpack
+# -G DEB` contains.
+# Components:
 #   library      libubs.so.1
 #   development  headers, libubs.a, the packages for find_package(ubs) and pkg-config
 #   tools        the executable
-#   portable     Portable.cmake     python  python/CMakeLists.txt; both only when they are named
+#   portable     see Portable.cmake; only installed if it is named
+#   python       see python/CMakeLists.txt; only installed if it is named
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
-# The static library: all archives of ours in one file. What it needs besides stands in the packages by name. Not with
-# CUDA, whose device code would have to be linked by every user.
+# The static library contains all archives of ubs in one file. The other libraries that it needs are listed in
+# the packages for find_package and pkg-config. It is not made with CUDA, because then every user would have
+# to link device code.
 set(static_parts ubs_facade ubs_run ubs_check ubs_look ubs_devices ubs_io ubs_core)
 if(UBS_OPENCL)
   list(APPEND static_parts ubs_opencl)
@@ -48,7 +52,7 @@ install(DIRECTORY include/ubs DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT 
 install(TARGETS ubs ubs-lab RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
 include(Sbom)
 install(FILES ${UBS_SBOM} DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT library)
-# Manual pages, made of the help if help2man is there.
+# Manual pages are made from the help texts if help2man is installed.
 find_program(HELP2MAN help2man)
 if(HELP2MAN AND NOT CMAKE_CROSSCOMPILING)
   set(manual ${PROJECT_BINARY_DIR}/manual)
@@ -92,7 +96,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libubs-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME ubs)
-if(UBS_OPENCV)  # its module is there
+if(UBS_OPENCV)  # the library package contains the OpenCV module
   set(CPACK_DEBIAN_TOOLS_PACKAGE_DEPENDS "libubs${soversion} (= ${PROJECT_VERSION})")
 endif()
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)

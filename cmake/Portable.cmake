@@ -1,15 +1,15 @@
-# cmake --install BUILD --component portable --prefix DIR: a folder that runs where it is copied to, with the
-# executable, the device tests, tools/gpu_check.sh and the libraries they need beyond libc and the C++ runtime
-# (DIR/bin, DIR/lib, found through RPATH $ORIGIN/../lib, which unlike RUNPATH also holds for what the libraries load).
-# Drivers stay the target machine's own.
+# cmake --install BUILD --component portable --prefix DIR makes a folder that runs wherever it is copied to.
+# It has the executable, the device tests, tools/gpu_check.sh and the libraries that they need except libc and
+# the C++ runtime (DIR/bin, DIR/lib). The libraries are found through RPATH $ORIGIN/../lib, because RUNPATH
+# would not apply to libraries that these libraries load. Drivers are those of the target machine.
 set(portable ubs ubs-lab)
 if(UBS_TESTS)
   list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations
        test_reduce)
 endif()
 foreach(target IN LISTS portable)
-  # The same one in the build folder: CMake pads one that installation changes with ":", and the loader then looks for
-  # libraries in the working folder, which may be anybody's data.
+  # Use the same RPATH in the build folder. If installation changes an RPATH, CMake pads it with ":". The
+  # loader would then search for libraries in the working directory, which may contain untrusted files.
   set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/../lib" INSTALL_RPATH_USE_LINK_PATH ON
                                              BUILD_WITH_INSTALL_RPATH ON)
   target_link_options(${target} PRIVATE LINKER:--disable-new-dtags)

@@ -1,9 +1,9 @@
-# The bill of materials of this build, SPDX 2.3 as JSON: the program, and the libraries that it was configured with, by
-# the versions that CMake found. UBS_SBOM: the file.
+# Makes the bill of materials of this build, SPDX 2.3 as JSON. It lists the program, and the libraries that it
+# was configured with, with the versions that CMake found. UBS_SBOM is the path of the file.
 set(UBS_SBOM ${PROJECT_BINARY_DIR}/ubs.spdx.json)
 set(sbom_packages "")
 set(sbom_relations "")
-# name, version, licence of the library's own release
+# Arguments: name, version, and licence of the library's own release.
 function(ubs_sbom name version licence)
   if(NOT version)
     set(version NOASSERTION)
@@ -17,7 +17,7 @@ function(ubs_sbom name version licence)
   set(sbom_packages "${sbom_packages}${package}" PARENT_SCOPE)
   set(sbom_relations "${sbom_relations}${relation}" PARENT_SCOPE)
 endfunction()
-# Of packages whose CMake files name no version.
+# Versions of packages whose CMake files do not state a version.
 if(UBS_OPENCL AND NOT CLBlast_VERSION)
   execute_process(COMMAND ${PKG_CONFIG_EXECUTABLE} --modversion clblast OUTPUT_VARIABLE CLBlast_VERSION
                   OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
@@ -58,7 +58,8 @@ ubs_sbom(fmt "${fmt_VERSION}" "MIT")
 ubs_sbom(nlohmann_json "${nlohmann_json_VERSION}" "MIT")
 ubs_sbom(nanoflann "${nanoflann_VERSION}" "BSD-2-Clause")
 ubs_sbom(CLI11 "${CLI11_VERSION}" "BSD-3-Clause")
-string(TIMESTAMP sbom_time "%Y-%m-%dT%H:%M:%SZ" UTC)  # SOURCE_DATE_EPOCH decides it where it is set
+# If SOURCE_DATE_EPOCH is set, this is the time it states.
+string(TIMESTAMP sbom_time "%Y-%m-%dT%H:%M:%SZ" UTC)
 string(UUID sbom_name NAMESPACE 6ba7b811-9dad-11d1-80b4-00c04fd430c8 NAME "ubs ${PROJECT_VERSION} ${sbom_packages}"
        TYPE SHA1)
 file(CONFIGURE OUTPUT ${UBS_SBOM} @ONLY CONTENT [[{

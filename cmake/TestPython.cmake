@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# UBS_PYTHON: the interpreter of all tests in Python, one with NumPy, pytest and PyYAML: what CMake finds, else the
-# system's (tools/setup.sh installs them). Empty where there is none.
+# Sets UBS_PYTHON to the interpreter for all tests in Python, which needs NumPy, pytest and PyYAML. It is the
+# one that CMake finds, or that of the system (tools/setup.sh installs these packages). Empty if there is
+# none.
 find_package(Python3 COMPONENTS Interpreter)
 set(UBS_PYTHON "")
 foreach(candidate IN ITEMS ${Python3_EXECUTABLE} /usr/bin/python3)

@@ -1,5 +1,5 @@
-# Toolchain for tools/cross_check.sh: Debian's compiler for arm64, its packages unpacked into arm64_root, and qemu-user
-# to run what was built.
+# Toolchain for tools/cross_check.sh: Debian's compiler for arm64, its packages unpacked to arm64_root, and
+# qemu-user to run the results.
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(triple aarch64-linux-gnu)

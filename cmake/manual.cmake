@@ -1,5 +1,5 @@
-# cmake -DPROGRAM=EXECUTABLE -DTITLE=TEXT -DHELP2MAN=PROGRAM -DFOLDER=DIR -P manual.cmake: a manual page of the program
-# and one of each of its commands.
+# cmake -DPROGRAM=EXECUTABLE -DTITLE=TEXT -DHELP2MAN=PROGRAM -DFOLDER=DIR -P manual.cmake: makes a manual page
+# for the program and one for each of its commands.
 function(page name title)
   execute_process(COMMAND ${HELP2MAN} --no-info --help-option=--help-all --version-string=${version} --name=${title}
                           --output=${FOLDER}/${name}.1 "${ARGN}"
@@ -10,7 +10,7 @@ cmake_path(GET PROGRAM FILENAME name)
 file(MAKE_DIRECTORY ${FOLDER})
 execute_process(COMMAND ${PROGRAM} --version OUTPUT_VARIABLE version OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${PROGRAM} --help OUTPUT_VARIABLE help COMMAND_ERROR_IS_FATAL ANY)
-# "  train    Learn a model from a data set"
+# Matches lines such as "  train    Learn a model from a data set".
 string(REGEX MATCHALL "\n  [a-z]+ +[A-Z][^\n]+" commands "${help}")
 foreach(line ${commands})
   string(REGEX MATCH "([a-z]+) +(.*)" line "${line}")

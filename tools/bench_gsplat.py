@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Times gsplat (PyPI, CUDA) on a 3DGS file and the training cameras of a NeRF Synthetic folder, to compare with
-`ubs-lab bench --model` of the same model and data on the same card.
+"""Measures the speed of gsplat (PyPI, CUDA) on a 3DGS file and the training cameras of a NeRF Synthetic folder, to
+compare it with `ubs-lab bench --model` for the same model and data on the same card.
 
   ubs convert RUN model.ply --to 3dgs
   bench_gsplat.py model.ply LEGO --size 400
 
-Prints milliseconds a view, forward alone and forward with backward, as wall time (the device is waited for after all
-views) and by events of the device (each view alone, median). Needs Python packages: gsplat, torch, numpy.
+Prints milliseconds per view, for forward alone and for forward with backward. The time is measured in two ways: as
+wall time (waiting for the device after all views) and by events of the device (each view alone, median). Needs the
+Python packages gsplat, torch and numpy.
 """
 import argparse
 import json
@@ -19,11 +20,11 @@ import numpy as np
 import torch
 from gsplat import rasterization
 
-VIEWS = 400  # that are timed; the cameras in turn
+VIEWS = 400  # number of timed views; the cameras are used in turn
 
 
 def read_splats(path):
-    """{property: values} of a binary PLY file whose first element has float properties alone."""
+    """Returns {property: values} of a binary PLY file whose first element has only float properties."""
     with open(path, "rb") as file:
         names, count = [], 0
         while (line := file.readline().split()) != [b"end_header"]:
@@ -36,14 +37,14 @@ def read_splats(path):
 
 
 def cameras(folder, size):
-    """World-to-camera matrices (OpenCV axes) of the training views, and their intrinsics [px]."""
+    """Returns world-to-camera matrices (OpenCV axes) of the training views, and their intrinsics [px]."""
     data = json.loads((pathlib.Path(folder) / "transforms_train.json").read_text())
     focal = 0.5 * size / math.tan(0.5 * data["camera_angle_x"])
     intrinsics = torch.tensor([[[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]], device="cuda")
     views = []
     for frame in data["frames"]:
         to_world = np.array(frame["transform_matrix"])
-        to_world[:3, 1:3] *= -1  # OpenGL's axes
+        to_world[:3, 1:3] *= -1  # from OpenGL axes
         views.append(torch.tensor(np.linalg.inv(to_world), device="cuda", dtype=torch.float32)[None])
     return views, intrinsics
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs cameras: has COLMAP find the cameras of a folder of photographs, on the CPU. What it has done stays in
-// the folder `colmap` beside them, so that the same command goes on after an interruption.
+// ubs cameras: runs COLMAP on the CPU to find the cameras of a folder of photographs. Intermediate results
+// stay in the folder `colmap` next to the photographs, so that the same command continues after an
+// interruption.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -32,10 +33,11 @@ struct CamerasOptions {
   bool dry_run = false, quiet = false;
 };
 
-constexpr std::size_t kAllPairs = 150;  // photographs; beyond it all pairs take hours
+constexpr std::size_t kAllPairs = 150;  // photographs; with more, matching all pairs takes hours
 constexpr std::size_t kFewest = 3;
 
-// Where things are: pictures in the folder itself or in its folder images; ours in its folder colmap.
+// The paths used. The images are in the given folder or in its subfolder `images`; ubs writes to the
+// subfolder `colmap`.
 struct Places {
   fs::path data, images, work, list, database, mapping, model;
   std::vector<fs::path> pictures;
@@ -71,7 +73,8 @@ Places places_of(const std::string& given) {
 }
 
 struct Step {
-  std::string name, progress;  // what says "so many of so many" in the log; empty: images are counted
+  // Pattern that finds "so many of so many" in the log; empty: images are counted.
+  std::string name, progress;
   std::vector<std::string> arguments;
 };
 
@@ -83,7 +86,7 @@ bool one_size(const Places& places) {
   });
 }
 
-// `renamed`: COLMAP since 3.13 calls the switches of the GPU otherwise.
+// `renamed`: since version 3.13, COLMAP has other names for the GPU options.
 std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, bool renamed) {
   const bool sequence =
       options.order == "sequence" || (options.order == "auto" && places.pictures.size() > kAllPairs);
@@ -93,13 +96,14 @@ std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, 
                 {"feature_extractor", "--database_path", database, "--image_path", images,
                  "--image_list_path", places.list.string(), "--ImageReader.camera_model", options.lens,
                  renamed ? "--FeatureExtraction.use_gpu" : "--SiftExtraction.use_gpu", "0",
-                 // All pairs of 77 photographs with 1750 features each take 6 minutes of a core; the time
-                 // goes with the square of the features, of which COLMAP would take twice as many.
+                 // Matching all pairs of 77 photographs with 1750 features each takes 6 minutes on one core.
+                 // The time grows with the square of the number of features; COLMAP's default would be twice
+                 // this maximum.
                  "--SiftExtraction.max_num_features", "4096"}};
-  if (one_size(places))  // of one device, most likely: one lens is found better than many
+  if (one_size(places))  // most likely one device, and a shared lens is estimated better than many
     features.arguments.insert(features.arguments.end(), {"--ImageReader.single_camera", "1"});
   const Step matches{"matches",
-                     R"(\[(\d+)/(\d+)(?:, (\d+)/\d+)?\] in)",  // of a block of pairs that is done
+                     R"(\[(\d+)/(\d+)(?:, (\d+)/\d+)?\] in)",  // printed when a block of pairs is done
                      {sequence ? "sequential_matcher" : "exhaustive_matcher", "--database_path", database,
                       renamed ? "--FeatureMatching.use_gpu" : "--SiftMatching.use_gpu", "0"}};
   const Step mapper{"cameras",
@@ -114,7 +118,7 @@ std::string tail_of(const fs::path& log, std::size_t most) {
   return text.size() > most ? text.substr(text.size() - most) : text;
 }
 
-// What the log says last: so many of so many.
+// Shows the latest progress in the log: so many of so many.
 void show(const Step& step, const fs::path& log, CountProgress& progress) {
   if (step.progress.empty()) {
     const std::string text = tail_of(log, std::size_t{16} << 20);
@@ -172,7 +176,8 @@ std::string pictures_text(const CamerasOptions& options, const Places& places) {
   return text;
 }
 
-// Empty where the work is that of these pictures: a database of others would bring them back.
+// Returns the files to delete because they were made from other images: an old database would bring these
+// back.
 std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& places) {
   const fs::path print = places.work / "pictures.txt";
   if (!path_exists(print) || read_text_file(print) == pictures_text(options, places)) return {};
@@ -192,7 +197,7 @@ void prepare_work(const CamerasOptions& options, const Places& places, const std
   write_file_atomically(places.list, names);
 }
 
-// The model with the most cameras takes its place among the data, last of all.
+// Copies the model with the most cameras to its place in the data folder, as the last step.
 ColmapModel keep_best(const Places& places) {
   ColmapModel best;
   fs::path from;
@@ -235,10 +240,10 @@ int run(const CamerasOptions& options) {
          "COLMAP is not installed{}: install it (Debian, Ubuntu: sudo apt-get install colmap; conda: conda "
          "install -c conda-forge colmap), then run 'ubs cameras {}' again",
          options.colmap.empty() ? "" : " at " + options.colmap, shell_word(options.photos));
-  // Without a display its libraries would not start.
+  // Without a display, COLMAP's libraries would not start.
   setenv("QT_QPA_PLATFORM", "offscreen", 0);
   bool renamed = false;
-  std::optional<FolderLock> lock;  // a dry run writes nothing among the photographs
+  std::optional<FolderLock> lock;  // a dry run writes nothing to the photographs' folder
   if (!options.dry_run) lock.emplace(places.work);
   if (!colmap.empty()) {
     const TemporaryFolder temporary;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert: model files between formats. Into our format exactly; out of it without loss where the model
-// is one of Gaussians, else by fixing the time and averaging the directions. With --data the loss is measured
-// by rendering both.
+// ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting is
+// lossless for models of Gaussians; for other models it fixes the time and averages over the directions. With
+// --data the loss of quality is measured by rendering both models.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -31,8 +31,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMaxViewpoints = 64;  // for the average over directions; more change nothing visible
-constexpr int kMaxSeries = 1000;            // moments
+// Maximum number of viewpoints for the average over directions; more make no visible difference.
+constexpr std::size_t kMaxViewpoints = 64;
+constexpr int kMaxSeries = 1000;  // maximum number of moments
 
 struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()) {}
@@ -56,7 +57,7 @@ const SplatFormat& target_format(const ConvertOptions& options, const SplatForma
   return format->ours() && source.ours() && options.conditioning.empty() ? splat_format("3dgs") : *format;
 }
 
-// Mean PSNR (of the channels) over the views of the split.
+// Returns the mean PSNR (of the channels) over the views of the split.
 double measure(const ConvertOptions& options, const MixedModel& model, const std::array<double, 3>& offset,
                TrainSettings settings, std::optional<double> eps2d) {
   if (eps2d) settings.eps2d = *eps2d;
@@ -85,8 +86,8 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
   return places;
 }
 
-// The file of a moment of a series: its number goes before the extension. Formats that store several moments
-// have one file for all.
+// Returns the file of a moment of a series: its number is inserted before the extension. A format that stores
+// several moments has one file for all.
 std::string file_of(const ConvertOptions& options, const SplatFormat& format, int moment) {
   if (options.series == 0 || format.write_series) return options.to;
   const fs::path to = options.to;
@@ -112,7 +113,8 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
       json["bytes"].get<double>() / (1 << 20));
 }
 
-// Directions are averaged over the viewpoints of the data, where the model has any to average.
+// Returns the options for reduce_splats(). Directions are averaged over the viewpoints of the data, unless
+// the model consists of Gaussians.
 ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
                         const std::array<double, 3>& offset, const TrainSettings& settings) {
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
@@ -121,7 +123,8 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
   return reduction;
 }
 
-// Writes the moments of a series into one file. Splats of moments that were distilled do not belong together.
+// Writes the moments of a series into one file. Distilled moments are trained separately, so their splats do
+// not correspond.
 void write_moments(const ConvertOptions& options, const SplatFormat& format, SplatSeries series,
                    float least_opacity, std::vector<std::string>& remarks, Json& json) {
   if (!options.distill.empty() || !series.finish(least_opacity)) {
@@ -136,7 +139,7 @@ void write_moments(const ConvertOptions& options, const SplatFormat& format, Spl
   json["moments"] = series.size();
 }
 
-// Several moments of a dynamic model, or one; distilled where that was asked for.
+// Exports one moment or several moments of a dynamic model, distilled if requested.
 Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
                       const TrainSettings& settings) {
   const MixedModel& model = loaded.model;
@@ -158,7 +161,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   const bool one_file = options.series > 0 && format.write_series;
   const float least_opacity = reduce.least_opacity;
   if (one_file) {
-    // Splats that are invisible at some moments stay until all moments are known.
+    // Splats that are invisible at some moments are kept until all moments are known.
     if (!distiller) reduce.least_opacity = 0;
     remarks.push_back(
         fmt::format("{} moments from time 0 to 1, opacity over directions: {}", moments, options.opacity));
@@ -200,7 +203,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   return json;
 }
 
-// The model in the other form of conditioning, and what the change costs where it can be measured.
+// Converts the model to the other form of conditioning, and measures the loss of quality if there are data.
 Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const TrainSettings& settings) {
   MixedModel model{std::vector<SplatModel>{}};
   std::size_t indefinite = 0;
@@ -250,7 +253,7 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
         "background of their own",
         behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
   if (options.data.empty() || options.series > 0) return json;
-  // What the file holds, quantisation included, drawn as other tools draw it.
+  // Compare with the written file, including its quantisation, rendered as other tools render it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));
   json["psnr_before"] = measure(options, model, offset, settings, {});
   json["psnr_after"] = measure(options, written, offset, settings, kGaussianBlur);
@@ -295,7 +298,7 @@ int run(ConvertOptions& options) {
   if ((!options.distill.empty() || options.series > 0) && !exports)
     fail(ErrorKind::usage, "--distill and --series only apply when exporting a ubs model as Gaussians");
   if (!options.distill.empty()) {
-    time_budget_seconds(options.distill);  // refuses what is none
+    time_budget_seconds(options.distill);  // throws for an invalid budget
     options.run = use_run_data(options.from, options.data);
     if (!options.split_given()) options.split = "train";
   }

@@ -1,11 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Compiles for other machines and runs what needs no device there (docs/library.md), by hand, not in ctest:
-#   tools/cross_check.sh arm64 FOLDER     the lean executable and library, host tests, and the CUDA back end on the host
-#                                         as a device, below qemu-user
-#   tools/cross_check.sh windows FOLDER   the core without its POSIX files, and its host tests below wine
-# On Debian 12 with g++-aarch64-linux-gnu and qemu-user-static, or g++-mingw-w64-x86-64-posix and wine64. Libraries are
-# Debian's packages for arm64, unpacked below FOLDER and not installed; of them Windows takes the headers.
+# Compiles for other platforms and runs the tests that need no device there (docs/library.md). Run it by hand;
+# it is not part of ctest.
+#   tools/cross_check.sh arm64 FOLDER     the lean executable and library, host tests, and the CUDA back end
+#   with
+#                                         the host as device, under qemu-user
+#   tools/cross_check.sh windows FOLDER   the core without its POSIX files, and its host tests under wine
+# Requires Debian 12 with g++-aarch64-linux-gnu and qemu-user-static, or with g++-mingw-w64-x86-64-posix and
+# wine64. The libraries are Debian's packages for arm64, unpacked to FOLDER and not installed; for Windows
+# only their headers are used.
 set -eu
 usage="usage: cross_check.sh arm64|windows FOLDER"
 target=${1:?$usage} folder=${2:?$usage}
@@ -23,7 +26,7 @@ if [ ! -d "$system" ]; then
     libclblast1 libclblast-dev libfmt9 libfmt-dev libyaml-cpp0.7 libyaml-cpp-dev libzstd1 libzstd-dev zlib1g zlib1g-dev \
     nlohmann-json3-dev libcli11-dev libnanoflann-dev catch2)
   for package in "$folder"/deb/*.deb; do dpkg -x "$package" "$folder/part"; done
-  # Names a library by its place in a system.
+  # This file contains the absolute path of a library.
   sed -i "s#/usr/lib/$triple/lib#$system/usr/lib/$triple/lib#g" "$folder/part/usr/lib/$triple/cmake/CLBlast/"*
   mv "$folder/part" "$system"
 fi

@@ -1,9 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Registers, spills, shared memory and occupancy (threads of a multiprocessor that registers and shared memory leave
-# room for; for sm_80, 90 and 100) of every CUDA kernel that is compiled ahead, as a table (CSV) for one architecture; of
-# those compiled at run time test_cuda_programs writes one. Needs nvcc, no GPU. Fails when a kernel does not compile
-# without warnings, or when a rasteriser spills.
+# Writes a table (CSV) with registers, spills, shared memory and occupancy of every CUDA kernel that is
+# compiled ahead of time, for one architecture. Occupancy is the number of threads per multiprocessor that
+# registers and shared memory allow; it is given for sm_80, 90 and 100. For kernels that are compiled at run
+# time, test_cuda_programs writes such a table. Needs nvcc, but no GPU. Fails if a kernel does not compile
+# without warnings, or if a rasteriser spills.
 #   tools/cuda_registers.sh OUT.csv [ARCHITECTURE, e.g. 90] [N ...]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -39,7 +40,8 @@ awk '
     print name "|" variant "|" registers "|" stores "|" loads "|" stack "|" shared
   }' "$log" | $demangle | sed -E 's/ubs::cuda:://g; s/\(anonymous namespace\):://g; s/^void //; s/^([^|(]*)\([^|]*\)\|/\1|/' |
   awk -F'|' -v arch="sm_$architecture" '
-    # Blocks as in cuda_backend/cuda_kernels.hpp; registers go to warps by 256, a block has 1 KiB of shared memory beside its own.
+    # Block sizes are those of cuda_backend/cuda_kernels.hpp. Registers are allocated to warps in units of
+    # 256, and each block needs 1 KiB of shared memory in addition to its own.
     function occupancy(kernel, variant, registers, shared,    threads, blocks, most) {
       if (arch !~ /^sm_(80|90|100)$/) return ""
       threads = kernel ~ /^(raster_|measure_|sum_slots|loss_window|loss_gradient|write_|fit_|gather_|emit_|finish_)/ ? 256 : 128

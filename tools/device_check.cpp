@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices --check: whether devices compute what the method says.
+// ubs devices --check: checks whether devices compute correct results.
 #include <cmath>
 #include <memory>
 
@@ -29,7 +29,8 @@ void print(const check::Finding& f) {
       f.holds() ? "right" : "WRONG");
 }
 
-// Some forms exist in some dimensions only, and another one than is asked for must not decide about them.
+// Resolves the settings for one of the requested dimensions, because some variants only exist in some
+// dimensions, and the default dimension may not be one of them.
 TrainSettings resolve(const std::vector<int>& dims, const SettingsOptions& settings) {
   TrainSettings base;
   base.dim = dims.front();
@@ -43,7 +44,7 @@ class Checker {
     for (const int dim : dims) check_variant(dim, settings_.variant);
   }
 
-  // True where all is right.
+  // Returns whether all results are correct.
   bool run(std::size_t index) {
     const Stopwatch watch;
     const std::unique_ptr<Device> device = open_device(index);

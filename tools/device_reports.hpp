@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The longer answers of `ubs devices`: --check and --doctor. `devices` are names as for --device; empty:
-// UBS_DEVICE, else all devices. Both return the exit code.
+// check_devices() and diagnose() are the parts of `ubs devices` with long output: --check and --doctor.
+// `devices` are names as for --device. If it is empty, UBS_DEVICE is used, or all devices if UBS_DEVICE is
+// not set. Both functions return the exit code.
 #pragma once
 
 #include <string>
@@ -10,13 +11,13 @@
 
 namespace ubs::tools {
 
-// Names of the settings that decide the form of the method.
+// Returns the names of the settings that determine the variant of the method.
 std::vector<std::string_view> form_keys();
-// Compares every stage with float64, for the form of `settings` in each of `dims`, and keeps the verdict. 10
-// if one device is wrong.
+// Compares every stage with float64, for the variant of `settings` in each of `dims`, and stores the result.
+// Returns 10 if a device computes wrong results.
 int check_devices(const std::vector<std::string>& devices, const std::vector<int>& dims,
                   const SettingsOptions& settings, bool json);
-// A page about this machine with a verdict and what to do.
+// Prints a page about this machine with a verdict and advice.
 int diagnose(const std::vector<std::string>& devices, bool json);
 
 }  // namespace ubs::tools

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices: what there is to compute on, with the numbers and names that --device takes; whether it
-// computes right, and whether all is well with this machine.
+// ubs devices: lists the devices with the numbers and names that --device accepts. It can also check whether
+// they compute correct results, and look for problems of this machine.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>

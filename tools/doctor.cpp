@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs devices --doctor: one page about this machine with a verdict and what to do; the first thing to attach
-// to a report of a problem.
+// ubs devices --doctor: prints one page about this machine with a verdict and advice. Users should attach it
+// to problem reports.
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -67,7 +67,7 @@ class Doctor {
     flush_out();
   }
 
-  // `code` 0: training works all the same.
+  // `code` 0: training works despite the problem.
   void trouble(int code, const std::string& what, const std::string& advice) {
     problems_.push_back({{"what", what}, {"do", advice}, {"serious", code != 0}});
     if (code_ == 0) code_ = code;
@@ -108,7 +108,7 @@ class Doctor {
               "use smaller images (--downscale 2) and fewer splats (--cap-max)");
   }
 
-  // What the system would give up for a program that asks.
+  // Returns the memory that the system would free for a program that needs it.
   static std::uint64_t cached() {
     std::ifstream file("/proc/meminfo");
     std::uint64_t kib = 0, sum = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs eval: image quality of a model on the views of a split.
+// ubs eval: measures the image quality of a model on the views of a split.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
@@ -49,7 +49,7 @@ std::string memory_text(std::uint64_t bytes) {
 
 int run(EvalOptions& options) {
   const RunData run = use_run_data(options.model, options.data);
-  const bool first = ranks().first();  // of the job, where there is one: it writes
+  const bool first = ranks().first();  // the first rank of a job writes
   if (first) check_output_files({options.out}, {options.model, options.data}, options.overwrite);
   const LpipsRequest lpips = options.lpips.request();
   const LoadedModel loaded = options.load();

@@ -7,7 +7,7 @@ Needs the Python packages lpips, torch and torchvision (which download the weigh
     pip install lpips torchvision
     tools/export_lpips_weights.py alex squeeze vgg --out lpips_weights
 
-makes lpips_weights/lpips_alex.safetensors and so on. Tensors are float32 with torchvision's names
+writes lpips_weights/lpips_alex.safetensors and so on. Tensors are float32 with torchvision's names
 (features.0.weight, ...) and lin0.weight, lin1.weight, ... of shape (1, channels, 1, 1) for the linear heads.
 """
 import argparse
@@ -21,21 +21,21 @@ NETWORKS = ("alex", "squeeze", "vgg")
 
 
 def tensor_name(key):
-    """Name in the file for a key of lpips.LPIPS.state_dict(), None for what is no weight of the network."""
+    """Returns the name in the file for a key of lpips.LPIPS.state_dict(), or None if it is not a weight."""
     head = re.fullmatch(r"lin(\d+)\.model\.\d+\.weight", key)
     if head:
         return f"lin{head.group(1)}.weight"
-    # Slices keep the numbers of torchvision's modules.
+    # Slices have the same numbers as torchvision's modules.
     layer = re.fullmatch(r"net\.slice\d+\.(\d+\..*(?:weight|bias))", key)
     return f"features.{layer.group(1)}" if layer else None
 
 
 def tensors_of(state):
-    """Named (shape, bytes) of a state dict; values become little-endian float32."""
+    """Returns (shape, bytes) by name for a state dict; values are converted to little-endian float32."""
     tensors = {}
     for key, value in state.items():
         name = tensor_name(key)
-        if name is None or name in tensors:  # `lins` holds the heads a second time
+        if name is None or name in tensors:  # `lins` contains the heads again
             continue
         array = value.detach().cpu().numpy().astype("<f4")
         tensors[name] = (list(array.shape), array.tobytes())

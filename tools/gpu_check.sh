@@ -1,19 +1,23 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# What a machine with a GPU can show, in two phases. The first, less than two minutes on 16 cores, checks that the card
-# computes correctly: device list, `ubs devices --check` and the tests with DEVICE and with OpenCL on the same card, memory checks, a
-# short training twice for the same bits. The tests run beside each other; their complete logs are in OUT/right.tar.xz.
-# The second phase measures: tuning, a short and a long training, frames a second, times by stage, CUDA against OpenCL.
-# What `ubs-lab tune` finds is used by all later steps (docs/tuning.md) except where a step says "untuned".
+# Checks and measures ubs on a machine with a GPU, in two phases.
+# The first phase takes less than two minutes on 16 cores and checks that the card computes correctly. It runs
+# the device list, `ubs devices --check`, the tests with DEVICE and with OpenCL on the same card, memory
+# checks, and a short training twice to compare the results bit by bit. The tests run in parallel; their
+# complete logs are in OUT/right.tar.xz.
+# The second phase measures: tuning, a short and a long training, frames per second, times by stage, CUDA
+# compared with OpenCL. All later steps use the result of `ubs-lab tune` (docs/tuning.md), except where a step
+# says "untuned".
 #   gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE, default cuda]
-# GPU_CHECK_PHASE=right or fast runs one of them; both together take nine minutes.
-# DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is taken from the folder of
-# DATA where it lies there, else from GPU_CHECK_GARDEN. Runs the portable folder it lies in (cmake --install BUILD
-# --component portable), else builds the project that it lies in (needs nvcc and what tools/setup.sh installs).
-# GPU_CHECK_SECONDS limits the whole: each step has a limit of its own, and the first ones leave time for the long
-# training and what follows it.
-# Every step is reported in OUT/summary.txt, which ends with the measured goals (docs/cuda.md); the exit code is the
-# number of steps that failed.
+# GPU_CHECK_PHASE=right or fast runs one phase; both together take nine minutes.
+# DATA: lego with a black background (ubs pack). The folder test_garden (docs/benchmarks.md) is looked for in
+# the folder of DATA; GPU_CHECK_GARDEN names another place.
+# If this script is in a portable folder (cmake --install BUILD --component portable), it runs the programs
+# there. Otherwise it builds the project that it belongs to (needs nvcc and what tools/setup.sh installs).
+# GPU_CHECK_SECONDS limits the total time. Each step has its own limit, and the first steps leave time for the
+# long training and the steps after it.
+# OUT/summary.txt reports every step and ends with the measured goals (docs/cuda.md). The exit code is the
+# number of failed steps.
 set -u
 out=${1:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
 data=${2:?usage: gpu_check.sh OUT DATA.ubsd[.xz] [DEVICE]}
@@ -28,15 +32,15 @@ here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$out" && out=$(cd "$out" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-export UBS_KERNEL_CACHE=$work/kernels  # what is compiled at run time is compiled in this run
-export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # and tuned for it
+export UBS_KERNEL_CACHE=$work/kernels  # so that this run compiles all kernels itself
+export UBS_TUNING_DIR=$work/tuning UBS_TUNING=on  # and tunes for them
 summary=$out/summary.txt logs=$out/logs.txt
 : >"$summary" && : >"$logs"
-reserve=$((limit * 55 / 100))  # seconds that are left to later steps
+reserve=$((limit * 55 / 100))  # seconds reserved for later steps
 
 left() { echo $((limit - reserve - SECONDS)); }
 failed() { grep -c '^.\{28\} FAILED' "$summary"; }
-# verdict NAME EXIT_CODE SECONDS LIMIT LAST_LINE: a line of the summary.
+# verdict NAME EXIT_CODE SECONDS LIMIT LAST_LINE: adds a line to the summary.
 verdict() {
   case $2 in
     0) printf '%-28s ok      %4d s  %s\n' "$1" "$3" "$5" ;;
@@ -45,7 +49,8 @@ verdict() {
     *) printf '%-28s FAILED %3d %3d s  %s\n' "$1" "$2" "$3" "$5" ;;
   esac >>"$summary"
 }
-# step NAME MOST_SECONDS COMMAND...: its last line, or its test quality, goes to the summary, all output to the logs.
+# step NAME MOST_SECONDS COMMAND...: runs a command. Its last line, or the test quality of a training, goes to
+# the summary, and all its output to the logs.
 step() {
   local name=$1 most=$2 start=$SECONDS code
   shift 2
@@ -58,13 +63,13 @@ step() {
   code=$?
   { echo "=== $name (exit code $code, $((SECONDS - start)) s): $*"; head -c 400000 "$work/log"; echo; } >>"$logs"
   local last
-  last=$(grep '^test  ' "$work/log" | tail -1)  # of a training
+  last=$(grep '^test  ' "$work/log" | tail -1)  # if it was a training
   [ -n "$last" ] || last=$(grep -v '^$' "$work/log" | tail -1)
   verdict "$name" $code $((SECONDS - start)) "$most" "$last"
   tail -1 "$summary"
 }
 
-# The last line of the summary, all of it once more, and the exit code.
+# Writes the last line of the summary, prints the whole summary and exits with the exit code.
 end() {
   local count
   count=$(failed)
@@ -73,7 +78,7 @@ end() {
   exit "$count"
 }
 
-# The executables: beside this script, else built here.
+# The executables are next to this script; otherwise they are built here.
 if [ -x "$here/ubs" ] && "$here/ubs" --version >/dev/null 2>&1; then
   bin=$here tests=$here
 else
@@ -93,7 +98,7 @@ else
 fi
 ubs=$bin/ubs lab=$bin/ubs-lab
 
-# The card's OpenCL view needs an ICD file, which containers often lack.
+# The card's OpenCL driver needs an ICD file, which containers often lack.
 if [ ! -e /etc/OpenCL/vendors/nvidia.icd ] && [ -z "${OCL_ICD_VENDORS:-}" ]; then
   library=$(ldconfig -p 2>/dev/null | awk '/libnvidia-opencl\.so\.1/ { print $NF; exit }')
   [ -n "$library" ] || library=$(find /usr/local/nvidia /usr/lib -name 'libnvidia-opencl.so.1' 2>/dev/null | head -1)
@@ -112,9 +117,9 @@ step devices 20 "$ubs" devices
 "$ubs" devices --json >"$out/devices.json" 2>/dev/null
 has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || echo no)
 
-# Correctness first, as many at once as there are processors: most of it is compiling. Tests with the tag [opencv] need a
-# build with OpenCV, which a kit is not.
-# begin NAME MOST_SECONDS COMMAND...: a step beside others; its log goes to the folder `right`.
+# Correctness first. As many steps as there are processors run in parallel, because most of the time is spent
+# on compiling. Tests with the tag [opencv] need a build with OpenCV; a kit has none.
+# begin NAME MOST_SECONDS COMMAND...: starts a step in parallel to others; its log goes to the folder `right`.
 begin() {
   while [ "$(jobs -rp | wc -l)" -ge "$(nproc)" ]; do wait -n; done
   local name=$1 most=$2 start=$SECONDS
@@ -136,7 +141,7 @@ if [ "$phase" != fast ]; then
   begin packed 20 "$tests/test_packed"
   for view in "${views[@]}"; do
     begin "check $view" 150 "$ubs" devices --check --device "$view"
-    # NVIDIA's compiler takes minutes for the kernels for CPUs, which are not used there.
+    # NVIDIA's compiler takes minutes for the kernels for CPUs, which are not used on a GPU.
     begin "stages $view" 150 "$tests/test_stages" --device "$view" --optional "~every vector width*" "~cards with small*"
     for suite in pipeline variants reduce; do
       begin "$suite $view" 150 "$tests/test_$suite" --device "$view" --optional "~[opencv]"
@@ -156,7 +161,7 @@ if [ "$phase" != fast ]; then
   cat "$summary"
 fi
 
-# A short training, twice: it learns, and it repeats bit for bit; once with OpenCL.
+# A short training, twice, to check that it learns and is reproducible bit by bit; and once with OpenCL.
 reserve=$((reserve * 4 / 5))
 small=(--data "$data" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
 briefly=${GPU_CHECK_SHORT:-500}  # iterations
@@ -181,7 +186,7 @@ esac
 step "train $briefly of 3DGS" 45 "$ubs" train "${small[@]}" --device "$device" --iterations "$briefly" --dim 3 --kernel gaussian --colour sh3 \
   --rot-mode quaternion --lr-opacity 0.02 --lr-scale 0.02 --out "$work/gaussian"
 
-# The long one; what runs out of time is interrupted and measured as it is.
+# The long training. If it runs out of time, it is interrupted and measured in that state.
 reserve=$((limit * 20 / 100))
 step "train $iterations" "$(left)" "$ubs" train --data "$data" --device "$device" --out "$work/long" \
   --iterations "$iterations" --eval-every 30s --save-renders 2
@@ -193,7 +198,7 @@ reserve=$((limit * 15 / 100))
 step "quality, frames a second" 30 "$ubs" eval --model "$model" --data "$data" --device "$device" --fps-views 100 \
   --out "$out/eval_long.json" --overwrite
 
-# Times by stage, on both views of the card: of scenes of a fixed size, then of the model.
+# Times by stage, with both back ends on the card: first for scenes of a fixed size, then for the model.
 devices=$device
 [ "$has_opencl" = yes ] && devices=$device,opencl:gpu
 scenes="$(printf '^[^.]*[.]synthetic[.]%s[.]' "${GPU_CHECK_SCENE:-300K}")"
@@ -228,13 +233,13 @@ for file in "$work/trained/"compare.*; do
   [ -e "$file" ] && cp "$file" "$out/compare_training.${file##*.}"
 done
 
-# number FILE KEY: the first one of that name. bench_ms FILE CASE: its median.
+# number FILE KEY: prints the first number with that name. bench_ms FILE CASE: prints the median of a case.
 number() { sed -n "s/^ *\"$2\": \([-0-9.e+]*\),*$/\1/p" "$out/$1" 2>/dev/null | head -1; }
 bench_ms() {
   awk -v name="\"name\": \"$2." 'index($0, name) { found = 1 } found && /"median_ms"/ {
     gsub(/[^0-9.e+-]/, "", $2); print $2; exit }' "$out/$1" 2>/dev/null
 }
-# What tune has stored.
+# Prints the values that tune has stored.
 chosen() { sed -n '/"values": {/,/}/p' "$out/tune.json" 2>/dev/null | sed -n 's/^ *"\(UBS_[A-Z_]*\)": \([0-9]*\).*/\1=\2/p' | paste -sd ' '; }
 peak() { number train_long.json peak_device_bytes | awk '{ printf "%.0f", $1 / 1048576 }'; }
 goal() { printf '  %-58s %s\n' "$1" "${2:-not measured}"; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs info: what a model file, a data folder or a packed data set holds, without a device.
+// ubs info: describes the content of a model file, a data folder or a packed data set. Needs no device.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -45,7 +45,7 @@ Summary summarise(const SplatModel& model, int first_row, int rows) {
   return {low, sum / static_cast<double>(size), high};
 }
 
-// Of all splats, whatever their dimensions; `row_of` gives the first row in a layout.
+// Returns activated values of all splats of all dimensions; `row_of` returns the first row in a layout.
 template <typename Row, typename Activation>
 std::vector<double> activated(const MixedModel& model, const Row& row_of, int rows,
                               const Activation& activation) {
@@ -82,7 +82,7 @@ Json describe_parameters(const SplatModel& model) {
   return groups;
 }
 
-// Whether a spatial scale is below its least part of the largest.
+// Returns whether a spatial scale is below its minimum share of the largest scale.
 bool flat(const SplatModel& model, std::size_t splat) {
   const ParameterLayout l = model.layout();
   double scale[3];
@@ -94,8 +94,8 @@ bool flat(const SplatModel& model, std::size_t splat) {
   return least < part * most;
 }
 
-// Splats whose parameters are beyond a clamp of the formulas (kernels/limits.h), and those whose conditional
-// covariance comes from its factor. Of skew_nd betas and spatial scales are counted.
+// Counts splats whose parameters are beyond a limit of the formulas (kernels/limits.h), and splats whose
+// conditional covariance is computed from its factor. For skew_nd, only betas and spatial scales are counted.
 Json describe_clamps(const MixedModel& model) {
   std::size_t beta = 0, spatial_scale = 0, query_scale = 0, coupled = 0;
   for (const SplatModel& group : model.groups) {
@@ -178,7 +178,7 @@ std::string quantile_text(const Json& quantiles) {
   return text;
 }
 
-// A data set: cameras and report, no images decoded.
+// Describes a data set: cameras and report. No images are decoded.
 Json describe_data(const Dataset& data) {
   Json splits = Json::object();
   for (const Split& split : data.splits) {
@@ -205,10 +205,11 @@ Json describe_data(const Dataset& data) {
 Dataset open_data(const InfoOptions& options) {
   TrainSettings settings = options.settings.resolve();
   if (is_packed(options.model)) settings.background.colour = PackedFile(options.model).background();
-  return open_undecoded(options.model, settings).data;  // as training opens it: both say the same
+  // The data are opened in the same way as for training, so that both commands print the same.
+  return open_undecoded(options.model, settings).data;
 }
 
-// What a packed file says about itself.
+// Adds the properties of a packed file.
 void add_packed(const std::string& path, Json& json) {
   const auto file = std::make_shared<const PackedFile>(path);
   json["bytes"] = file_bytes(path);

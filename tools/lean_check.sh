@@ -1,10 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Builds the program as a bare machine would (no OpenCV, no OpenCL, libraries from a bundle) in a new folder, and
-# checks that it runs, what it links, and that it says what it cannot do. Minutes; by hand, not in ctest.
+# Builds the program in a new folder as for a minimal machine (no OpenCV, no OpenCL, libraries from a bundle).
+# Checks that it runs, which libraries it links, and that it reports what it cannot do. Takes minutes; run it
+# by hand, it is not part of ctest.
 #   tools/lean_check.sh FOLDER [CMake option ...]
-# A bundle that is there already (FOLDER/bundle, of tools/make_bundle.sh) is taken as it is: on a bare machine it cannot
-# be made.
+# If there is a bundle already (FOLDER/bundle, made by tools/make_bundle.sh), it is used; it cannot be made on
+# a minimal machine.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 folder=${1:?usage: lean_check.sh FOLDER [CMake option ...]}

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The executable `ubs`: learns, draws and converts.
+// This is the main program of the executable `ubs`, which trains, renders and converts models.
 #include "tools/commands.hpp"
 
 namespace {

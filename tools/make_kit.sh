@@ -1,9 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# A kit for a machine that has a card and little else: executable and device tests of a lean build (no OpenCV, one
-# architecture), the libraries they need, gpu_check.sh and the packed data, in one archive of at most 60 MiB.
+# Makes a kit for a machine that has little more than a GPU: the executable and device tests of a lean build
+# (no OpenCV, one architecture), the libraries that they need, gpu_check.sh and the packed data, in one
+# archive of at most 60 MiB.
 #   tools/make_kit.sh OUT.tar.xz DATA.ubsd [BUILD_FOLDER] [CMake option ...]
-# There: tar xf OUT.tar.xz && kit/bin/gpu_check.sh RESULTS kit/DATA.ubsd.xz
+# On the other machine: tar xf OUT.tar.xz && kit/bin/gpu_check.sh RESULTS kit/DATA.ubsd.xz
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 usage="usage: make_kit.sh OUT.tar.xz DATA.ubsd [BUILD_FOLDER] [CMake option ...]"

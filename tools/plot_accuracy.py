@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the table of `ubs-lab accuracy`, error against time, with matplotlib.
+"""Plots the table of `ubs-lab accuracy`, error against time, with matplotlib.
 
   ubs-lab accuracy --out accuracy
   tools/plot_accuracy.py accuracy/accuracy.csv accuracy.png
 
-Left: error of the image and time of the forward pass. Right: error of the gradient (of the parameter group that has the
-largest) and time of an iteration. A colour a form, a marker a scene and device.
+Left: error of the image against time of the forward pass. Right: error of the gradient (that of the parameter group
+with the largest error) against time of an iteration. Each variant has a colour, each scene and device a marker.
 """
 import csv
 import sys
@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 
 
 def points(rows, stage):
-    """{(form, scene, device): (ms, error)} with the largest error of the stage's quantities."""
+    """Returns {(form, scene, device): (ms, error)} with the largest error of the stage's quantities."""
     found = {}
     for row in rows:
         if row["stage"] != stage:

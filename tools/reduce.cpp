@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs reduce: takes away what the training views do not need of a trained model, splats and dimensions, up to
-// a bound or a loss, and measures size, speed and quality before and after (docs/reduce.md).
+// ubs reduce: removes splats and dimensions of a trained model that the training views do not need, up to a
+// bound or a loss of quality. It measures size, speed and quality before and after (docs/reduce.md).
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using namespace ubs::reduce;
 
 constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // of the search
-constexpr int kSearchSteps = 9;                      // the bound is then known to 2 %
+constexpr int kSearchSteps = 9;                      // determines the bound to 2 %
 constexpr std::size_t kTimedViews = 40;
 
 struct ReduceOptions {
@@ -48,7 +48,7 @@ bool has_views(const Dataset& data, const char* name) {
   return split && !split->views.empty();
 }
 
-// Data, device and the model as it is; views are those of train, then those of test.
+// Holds data, device and the original model. The views are those of train, followed by those of test.
 class Session {
  public:
   explicit Session(const ReduceOptions& options)
@@ -95,7 +95,7 @@ class Session {
     return quality(groups, renderer, train_).mean.psnr_channel_mean;
   }
 
-  // Quality and times of both models.
+  // Measures quality and times of both models.
   void compare(const Reduced& reduced, ReductionReport& report) {
     const DeviceGroups after(*device_, reduced.model, config());
     Renderer renderer(*device_, after.stages());
@@ -144,7 +144,7 @@ ReduceChoice choice_of(const ReduceOptions& options) {
   return {.splats = options.only != "dimensions", .dimensions = options.only != "splats"};
 }
 
-// The largest bound whose loss on the training views is at most the one allowed, by bisection of its
+// Returns the largest bound whose loss on the training views is at most the allowed one, by bisection of its
 // logarithm.
 double search_bound(const ReduceOptions& options, Session& session, const Reducer& reducer,
                     std::vector<SearchStep>& steps) {

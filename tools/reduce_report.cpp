@@ -11,7 +11,7 @@
 namespace ubs::tools {
 namespace {
 
-// What the smaller dimensions would change, over the splats that some view sees.
+// Describes what removing dimensions would change, for the splats that are visible in some view.
 Json effects_json(const reduce::Reducer& reducer) {
   struct Columns {
     std::vector<double> opacity, shift, change;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs reduce` found, as JSON and as a table.
+// ReductionReport has the results of `ubs reduce`, which are written as JSON and as a table.
 #pragma once
 
 #include <optional>
@@ -12,7 +12,7 @@
 
 namespace ubs::tools {
 
-// Quality of the images of a split before and after.
+// Image quality on a split before and after.
 struct SplitChange {
   std::string name;
   std::size_t views = 0;
@@ -28,18 +28,18 @@ struct ReductionReport {
   const MixedModel* before = nullptr;
   const reduce::Reduced* after = nullptr;
   const reduce::Reducer* reducer = nullptr;
-  double bound = 0;  // of the reduction chosen; 0: lossless
+  double bound = 0;  // bound of the chosen reduction; 0: lossless
   std::size_t bytes_before = 0, bytes_after = 0;
   std::array<reduce::ModelTimes, 2> times;
-  std::vector<SplitChange> splits;  // the first one is train
+  std::vector<SplitChange> splits;  // the first entry is train
   std::vector<SearchStep> search;
 };
 
 Json to_json(const ReductionReport& report);
 void print_table(const ReductionReport& report);
 
-// One row a splat: dimensions, views that see it, largest weight, and for each smaller N the ranges of
-// opacity and mean and the change of a weight.
+// Returns one row per splat: dimensions, number of views that see it, maximum weight, and for each smaller N
+// the ranges of opacity and mean, and the change of a weight.
 std::string effects_csv(const ReductionReport& report);
 
 }  // namespace ubs::tools

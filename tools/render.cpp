@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs render: draws a model from the views of a split, or along a camera path, into one file per view and
-// channel or into a video.
+// ubs render: renders a model from the views of a split or along a camera path, to one file per view and
+// channel or to a video.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -64,7 +64,8 @@ std::string file_name(const RenderOptions& options, const std::string& channel, 
   return view + (channel == "rgb" ? "" : "_" + channel) + "." + options.format;
 }
 
-// Holds the folder, where there is one, until the end.
+// Checks the output files. Returns a lock of the output folder if there is one; the caller holds it until the
+// end.
 std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Split& split) {
   Paths names;
   for (const View& view : split.views)
@@ -72,7 +73,7 @@ std::unique_ptr<FolderLock> take_outputs(const RenderOptions& options, const Spl
       names.push_back(file_name(options, channel, view.name));
   auto held = take_folder(options.out, names, {options.data}, options.overwrite);
   check_output_files({options.video}, {options.model, options.data},
-                     options.overwrite);  // it may lie in the folder
+                     options.overwrite);  // it may be in the output folder
   return held;
 }
 
@@ -102,7 +103,8 @@ void check(const RenderOptions& options) {
     fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
 }
 
-// The views of the data, or a path; the cameras of the training views tell a path about the scene.
+// Returns the views of the data, or those along a path. A path is derived from the cameras of the training
+// views.
 Split wanted_views(const RenderOptions& options, const LoadedModel& model, const TrainSettings& settings,
                    const std::optional<OpenedData>& opened) {
   std::string name = options.split;
@@ -125,6 +127,7 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   return wanted;
 }
 
+// WideImage is the image of the lens that --lens chooses.
 struct WideImage {
   ImageSize size;
   LensImage image;
@@ -175,8 +178,8 @@ class Drawing {
   ModelSession session_;
 };
 
-// Of `views` the ranks of a job have drawn one each, as far as there are so many: the first rank gets all;
-// {own} where it is alone.
+// Collects one rendered view from each rank of a job, but not more than there are `views`. The first rank
+// receives all of them; without a job the result is {own}.
 std::vector<RenderedView> gather(RenderedView own, std::span<const View> views) {
   if (ranks().size() == 1) return {std::move(own)};
   std::vector<std::vector<float>> pieces(static_cast<std::size_t>(ranks().size()));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs report: one self-contained HTML page about a training run, or about several beside one another.
+// ubs report: writes a self-contained HTML page about one training run, or about several side by side.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -38,17 +38,18 @@ struct ReportOptions {
   bool json = false, no_viewer = false, overwrite = false;
 };
 
-// A model, and where it is: relative to `offset`, or (of a checkpoint) to what the loader of the data
-// chooses.
+// A model and its coordinates: relative to `offset`, or, for a checkpoint, to the offset that the loader of
+// the data chooses.
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
-  std::string data;                         // that the run was trained on, as far as it is known
-  std::optional<std::uint32_t> data_print;  // fingerprint() of them
-  LoadedModel loaded;                       // of a model file, without the model
+  std::string data;                         // data that the run was trained on, if known
+  std::optional<std::uint32_t> data_print;  // fingerprint() of these data
+  LoadedModel loaded;                       // a model file, without the model itself
 };
 
-// Of a run that has no model, or was continued after its model and then killed.
+// Returns the checkpoint of a run that has no model, or that was resumed after writing its model and then
+// killed.
 std::optional<Checkpoint> later_checkpoint(RunRecord& run) {
   if (!path_exists(run.checkpoint())) return {};
   const bool has_model = path_exists(run.model());
@@ -91,12 +92,14 @@ RunModel open_run_model(RunRecord& run) {
 
 struct Views {
   Split split;
-  std::string data;  // where they are from
-  bool same = true;  // as far as the run says: cameras, names and images of its training views
+  std::string data;  // where the data come from
+  // cameras, names and images of the training views are those of the run, as far as the run states them
+  bool same = true;
 };
 
 Views open_views(const RunModel& model, const fs::path& data, TrainSettings settings) {
-  settings.image_cache_mb = 1;  // of all the images only a few are looked at: they are decoded when needed
+  // Only a few of the images are needed, so they are decoded on demand.
+  settings.image_cache_mb = 1;
   Dataset set = open_dataset(data, {"test", "train"}, settings, Images::load);
   const Split *train = set.find("train"), *test = set.find("test");
   const bool same = !model.data_print || (train && fingerprint(*train) == *model.data_print);
@@ -108,8 +111,8 @@ Views open_views(const RunModel& model, const fs::path& data, TrainSettings sett
   return {std::move(split), data.string(), same};
 }
 
-// Of the data that the run names, those that cannot be read are a remark, and so are others in their place;
-// of those asked for, what cannot be read is an error.
+// Finds the views. If the data that the run names cannot be read or have been replaced by others, this is
+// only a remark. If data that the user named cannot be read, this is an error.
 std::optional<Views> find_views(RunRecord& run, const RunModel& model, const ReportOptions& options) {
   constexpr const char* kOthers =
       "{} is not the data that the run was trained on: cameras, names or images differ{}";
@@ -139,7 +142,7 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
   return {};
 }
 
-// The view of the split that the run found worst; "" where it has not measured the split.
+// Returns the view of the split with the lowest PSNR in the run; "" if the run has not measured the split.
 std::string worst_view(const RunRecord& run, const Split& split) {
   const auto* measured = run.find({"test", "views"});
   std::string worst;
@@ -154,8 +157,8 @@ std::string worst_view(const RunRecord& run, const Split& split) {
   return worst;
 }
 
-// The views of these names; where none of them is there evenly spaced ones, the last of which makes room for
-// the worst: a report without it flatters.
+// Returns the views with these names. If no names are given, returns evenly spaced views and replaces the
+// last of them by the worst view, because a report without the worst view would be too favourable.
 std::vector<View> chosen_views(const Split& split, const std::vector<std::string>& names,
                                const std::string& worst, int count) {
   std::vector<View> views;
@@ -173,9 +176,9 @@ std::vector<View> chosen_views(const Split& split, const std::vector<std::string
   return views;
 }
 
-// What one looks for first when a model disappoints.
+// Adds remarks about common causes of disappointing models.
 void remark_on_splats(RunRecord& run, const MixedModel& model) {
-  constexpr double kFar = 10;  // extents
+  constexpr double kFar = 10;  // multiples of the extent
   const std::optional<double> extent = run.number({"extent"});
   if (model.count() >= static_cast<std::size_t>(run.settings.cap_max))
     run.remarks.push_back(
@@ -205,10 +208,11 @@ void remark_on_splats(RunRecord& run, const MixedModel& model) {
                     far, at[0].size(), kFar));
 }
 
-// Without cameras of the data: from around the model, beside what the run has saved.
+// Without cameras of the data, renders the model from cameras around it and adds the images that the run
+// saved.
 void draw_around(ReportRun& run, Device& device, int count) {
   constexpr int kSize = 320, kCircling = 2;
-  constexpr double kTurn = 2.0;  // [rad] from one to the next
+  constexpr double kTurn = 2.0;  // [rad] between consecutive cameras
   std::vector<View> views(kCircling);
   for (int k = 0; k < kCircling; ++k) {
     views[k].name = fmt::format("around the model {}", k + 1);
@@ -229,7 +233,7 @@ void draw_around(ReportRun& run, Device& device, int count) {
 void draw(ReportRun& run, const RunModel& model, ReportOptions& options, std::shared_ptr<Device>& device,
           std::vector<std::string>& names) {
   const std::optional<Views> found = find_views(run.record, model, options);
-  // One device for all runs, proved for the form of each.
+  // All runs use one device, which is verified for the variant of each run.
   options.device =
       proved_request(options.device, drawing_use(*run.model, run.record.settings, !options.no_viewer));
   if (!device) device = open_device(options.device);
@@ -249,7 +253,7 @@ void draw(ReportRun& run, const RunModel& model, ReportOptions& options, std::sh
                                truth ? "" : "; they have no images: no ground truth");
 }
 
-// Live, of a model that names its cameras.
+// Makes the interactive viewer of a model that lists its cameras.
 ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
                          const std::shared_ptr<Device>& device) {
   const std::vector<Camera> cameras = noted_cameras(*run.model, loaded.notes.cameras);
@@ -266,7 +270,7 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
           web::viewer_script(), web::kViewerPolicy};
 }
 
-// None, and a remark, where the model cannot be packed: the page is more than its viewer.
+// If the model cannot be packed, returns no viewer and adds a remark; the rest of the page is still useful.
 ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
                               const std::shared_ptr<Device>& device) {
   try {
@@ -279,11 +283,11 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
   }
 }
 
-// `viewer`: of the first run that has a model.
+// `viewer` becomes that of the first run that has a model.
 std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
   std::shared_ptr<Device> device;
-  std::vector<std::string> names;  // of the views of the first run that has any
+  std::vector<std::string> names;  // views of the first run that has any
   for (const std::string& folder : options.runs) {
     ReportRun run;
     run.record = read_run(folder);
@@ -305,7 +309,7 @@ std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   return runs;
 }
 
-// Equal names of different folders are told apart by their paths.
+// Distinguishes runs with equal folder names by their paths.
 void tell_apart(std::vector<ReportRun>& runs, const std::vector<std::string>& paths) {
   for (std::size_t a = 0; a < runs.size(); ++a)
     for (std::size_t b = 0; b < runs.size(); ++b)

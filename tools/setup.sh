@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs what is missing, builds, and runs the demo or the tests. UBS_PRESET chooses another CMake
-# preset than `release` (see CMakePresets.json).
+# Installs missing packages, builds, and runs the demo or the tests. UBS_PRESET selects another CMake preset
+# than `release` (see CMakePresets.json).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -18,23 +18,26 @@ packages=(
   libclblast-dev
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-videoio-dev
   libopencv-features2d-dev libopencv-calib3d-dev
-  libturbojpeg0-dev libpng-dev                               # JPEG and PNG with damage as errors
+  # JPEG and PNG decoders that report damage as errors
+  libturbojpeg0-dev libpng-dev
   libyaml-cpp-dev zlib1g-dev libzstd-dev pkg-config libcli11-dev libfmt-dev nlohmann-json3-dev libnanoflann-dev catch2
   libjs-chart.js                                             # charts of ubs report
   libcpp-httplib-dev                                         # ubs view, ubs train --serve
   help2man                                                   # manual pages; optional
-  libopenmpi-dev openmpi-bin                                 # several processes at one training; optional
-  python3-venv                                               # pip install . in a fresh environment (docs/python.md)
+  libopenmpi-dev openmpi-bin                                 # several processes for one training; optional
+  # pip install . in a new environment (docs/python.md)
+  python3-venv
   python3-yaml                                               # tools/experiment.py
 )
-test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)  # the Python package's tests
+# For the tests of the Python package
+test_packages=(python3-numpy python3-pil python3-pytest python3-torch python3-matplotlib mypy)
 
-# Tools of the tests that look at other drivers and at cards without having them (tests/gates/README.md). Without
-# them those tests are skipped.
+# Tools for tests that check other drivers and GPUs without having them (tests/gates/README.md). Without these
+# tools, the tests are skipped.
 gate_packages=(clang-15 oclgrind rocm-device-libs libclc-15
   chromium-headless-shell assimp-utils)                       # pages of ubs web, 96 MB; a reader of glTF
-# Two drivers, 19 MB and 100 MB, which only those tests are to see: unpacked into the build folder, not installed, so
-# that no other program finds a device more.
+# Two drivers, 19 MB and 100 MB, for these tests only. They are unpacked into the build folder and not
+# installed, so that other programs do not find additional devices.
 gate_drivers=(mesa-opencl-icd intel-opencl-icd)
 
 usage() {
@@ -51,7 +54,7 @@ TEXT
 
 installed() { [ "$(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null)" = installed ]; }
 
-# install_packages PACKAGE...
+# install_packages PACKAGE...: installs the packages that are missing.
 install_packages() {
   if ! command -v dpkg-query >/dev/null; then
     echo "Not a Debian system: the libraries must be there already (tools/setup.sh lists the packages)."
@@ -73,7 +76,7 @@ install_packages() {
   "${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${missing[@]}"
 }
 
-# build [target ...]: everything when no target is named.
+# build [target ...]: builds everything if no target is named.
 build() {
   cmake --preset "$preset" -DUBS_CUDA="$cuda" >"configure-$preset.log" 2>&1 || {
     cat "configure-$preset.log"
@@ -84,7 +87,7 @@ build() {
 }
 
 demo() {
-  # CUDA for every architecture takes a minute to compile, which without an NVIDIA device serves nobody here.
+  # Compiling CUDA for every architecture takes a minute, and is useless without an NVIDIA device.
   [ -e /dev/nvidiactl ] || cuda=OFF
   build ubs
   local ubs=$build/ubs out=out/demo
@@ -104,15 +107,17 @@ side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }
 
-# What cannot be had is no failure: the gates that need it are skipped and say so.
+# A tool that cannot be fetched is not an error: the gates that need it are skipped and say so.
 fetch_gates() {
   [ "${UBS_GATES:-}" = off ] && return
-  local known  # names with a version in them go with a release, and one unknown name stops all the others
+  # Package names with a version change between releases, and one unknown name makes apt install none of the
+  # packages.
+  local known
   mapfile -t known < <(apt-cache show "${gate_packages[@]}" 2>/dev/null | sed -n 's/^Package: //p' | sort -u)
   [ ${#known[@]} -eq ${#gate_packages[@]} ] ||
     echo "Of ${gate_packages[*]} apt knows only: ${known[*]} (others: apt-get update, or another release)"
   (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
-  # A process of its own: where `||` follows a function, set -e is off in it.
+  # A separate process, because set -e has no effect in a function that is followed by `||`.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."
   bash tools/setup.sh fetch-pypi || echo "Tools of gates from PyPI could not be fetched."
 }
@@ -131,7 +136,7 @@ fetch_drivers() {
   list_driver rusticl "$root"/usr/lib/*/libRusticlOpenCL.so.1
 }
 
-# list_driver NAME LIBRARY: a folder with this driver alone, for OCL_ICD_VENDORS.
+# list_driver NAME LIBRARY: creates a folder with only this driver, for OCL_ICD_VENDORS.
 list_driver() {
   [ -e "$2" ]
   mkdir -p "$build/gates/icd/$1"
@@ -147,9 +152,9 @@ fetch_pypi() {
   [ ! -e "$venv/lib/libintelocl.so" ] || list_driver intel "$venv/lib/libintelocl.so"
 }
 
-# No OpenCL test may be missing from a green run: there must be a device and tests for it.
+# A successful run must include OpenCL tests: there must be a device and registered tests.
 run_tests() {
-  if [ ! -e /dev/nvidiactl ]; then  # one architecture does for tests without a card
+  if [ ! -e /dev/nvidiactl ]; then  # one architecture is enough for tests without a card
     export CUDAARCHS=${CUDAARCHS:-90}
     echo "No NVIDIA device: CUDA code, if any, is for sm_$CUDAARCHS alone ('tools/setup.sh build': all cards)."
   fi
@@ -160,7 +165,7 @@ run_tests() {
     echo "No OpenCL test is registered."
     exit 1
   fi
-  # One more than there are processors: some tests wait, for browsers, time-outs, a throttle.
+  # One more job than processors, because some tests wait (for browsers, time-outs, a throttle).
   ctest --test-dir "$build" -j "$(($(nproc) + 1))" --no-tests=error --output-on-failure
 }
 

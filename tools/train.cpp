@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs train: learns a model from a data folder and leaves it with its measurements in an output folder.
+// ubs train: trains a model on a data folder and writes it with its measurements to an output folder.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -53,9 +53,10 @@ struct TrainOptions {
   bool talkative() const { return !quiet && !json; }
 };
 
-constexpr int kFewIterations = 600;  // steps are measured with the splats of a run of so many
+// Steps are measured with the number of splats of a run with this many iterations.
+constexpr int kFewIterations = 600;
 
-// What a time budget has decided so far becomes part of the run's settings.
+// Copies what a time budget has changed so far to the settings of the run.
 void take_pace(const Trainer& trainer, TrainSettings& settings) {
   settings.iterations = trainer.settings().iterations;
   settings.work_shares = trainer.settings().work_shares;
@@ -80,8 +81,8 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
   return outcome;
 }
 
-// As train(); after an exception that leaves the state whole (an image that cannot be read, no memory) it is
-// kept.
+// Like train(). If an exception leaves the state consistent (an image that cannot be read, out of memory),
+// saves the state.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
@@ -101,10 +102,10 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
   } catch (const std::exception& exception) {
     const Error error = as_error(exception);
     progress.finish();
-    if (ranks().size() > 1) throw;  // the others do not know
+    if (ranks().size() > 1) throw;  // other ranks do not know about the exception
     try {
       if (trainer.state_is_whole() && trainer.iteration() > 0) save(trainer.state());
-    } catch (const std::exception&) {  // the device is gone: the first error says why
+    } catch (const std::exception&) {  // the device is lost: report the first error
     }
     if (keeper.saved_iteration() < 0) throw;
     throw Error(error.kind(),
@@ -113,28 +114,30 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
   }
 }
 
-// Finds out before hours of training whether the networks can be had and take the test images.
+// Checks, before hours of training, that the LPIPS networks can be loaded and support the sizes of the test
+// images.
 std::unique_ptr<ImageMetrics> open_networks(Device& device, const LpipsRequest& request, const Split& test) {
   auto metrics = std::make_unique<ImageMetrics>(device, request);
   for (const View& view : test.views) metrics->check_size({view.camera.width, view.camera.height});
   return metrics;
 }
 
-// A run that was continued behind its last iteration has not measured there.
+// Measures a run that was resumed after its last iteration, because it has no measurement there.
 void measure_end(Trainer& trainer, const Split& test, Outcome& outcome) {
   if (outcome.interrupted || outcome.evaluation || test.views.empty()) return;
   outcome.evaluation = {trainer.iteration(), trainer.seconds(), trainer.evaluate_test()};
 }
 
-// The last evaluation again, with what training itself does not measure.
+// Repeats the last evaluation with the metrics that training does not compute.
 void measure_finally(Device& device, const LpipsRequest& request, Trainer& trainer, Outcome& outcome) {
   if (outcome.interrupted || !outcome.evaluation) return;
   ImageMetrics more(device, request);
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// The settings of a run that nobody has chosen the iterations of: what fits the time budget as far as it is
-// known now, or of ranks, which have none, all of kUnaskedIterations. `warm_up`: before steps are measured.
+// Returns the time budget and completes the settings of a run whose iterations the user did not choose: as
+// many as are expected to fit the time budget. Several ranks have no time budget and get all
+// kUnaskedIterations. `warm_up` is called before steps are measured.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
                            const Split& train,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
@@ -172,7 +175,8 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   return budget;
 }
 
-// The folder as it is at the beginning of a run, the trainer as it was at its end where it is continued.
+// Prepares the folder for a new run. For a resumed run, restores the state of the trainer and continues the
+// log.
 void begin(const Start& start, RunFolder& folder, Trainer& trainer, bool talkative) {
   if (!start.checkpoint) return folder.begin(start.settings);
   trainer.restore(start.checkpoint->state);
@@ -193,9 +197,9 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
   return use;
 }
 
-// From the state after the last iteration to the end of the run: `write` leaves all results. They may fail,
-// by a full disk, or be killed; as long as the state is there `ubs train --resume` makes them again, so it
-// goes last.
+// Does the work from the last iteration to the end of the run; `write` writes all results. It may fail
+// because the disk is full, or be killed. As long as there is a checkpoint, `ubs train --resume` writes the
+// results again, so the checkpoint is removed last.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             const std::function<void()>& write) {
   const RunInterval interval = checkpoint_interval(settings);
@@ -213,7 +217,7 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
   folder.remove_checkpoint();
 }
 
-// The rest of its share and of its memory is that of the other ranks.
+// Compiles the kernels for this rank's share of the splats; other ranks have the rest.
 void build_kernels_of_rank(Device& device, TrainSettings settings, const Split& train, const Split& test,
                            const SplatModel& initial, ImageMetrics* networks) {
   const auto all = static_cast<std::uint32_t>(initial.count);
@@ -223,8 +227,8 @@ void build_kernels_of_rank(Device& device, TrainSettings settings, const Split& 
   build_kernels(device, settings, train, test, own == all ? initial : part_of(initial, {0, own}), networks);
 }
 
-// Ranks whose devices are faster draw more views. What was measured at the start of a run holds for all of
-// it.
+// Assigns more views to ranks with faster devices. The speeds measured at the start of a run are used for the
+// whole run.
 std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, const Split& train,
                                          const SplatModel& initial) {
   const auto size = static_cast<std::size_t>(ranks().size());
@@ -238,8 +242,8 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
 }
 
-// Of a job with several ranks: the clocks of their machines would have to agree on the speed of the run, and
-// none has the model that a visitor would see.
+// Options that several ranks do not support. For --budget the clocks of their machines would have to agree on
+// the speed of the run; for --serve no rank has the complete model that a viewer would see.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
     fail(ErrorKind::usage, "--budget is not supported with several MPI processes: use --iterations");
@@ -257,7 +261,7 @@ int print_settings(const TrainOptions& options) {
   return 0;
 }
 
-// Keys of the settings that the data have chosen.
+// Returns the keys of the settings that were chosen from the data.
 Json changed_keys(TrainSettings asked, TrainSettings settled) {
   const std::vector<FieldValue> before = bind_fields(asked, train_fields()),
                                 after = bind_fields(settled, train_fields());
@@ -283,7 +287,7 @@ int run(const TrainOptions& options) {
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const TrainSettings asked = settings;
   const Split* const given = data.find("train");
-  const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are moved
+  const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are aligned
   Split train_split = take_train(data, settings, !start.checkpoint);
   const Json chosen = changed_keys(asked, settings);
   Split test_split = take_test(data, settings);
@@ -317,15 +321,15 @@ int run(const TrainOptions& options) {
     say("kernels  compiled in {:.1f} s (not counted as training time)\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   flush_out();
-  networks.reset();  // its memory is no part of training's
+  networks.reset();  // its memory does not count as that of training
   device->reset_peak();
   Trainer trainer(*device, in_unit(settings), train_split, test_split, initial, ranks());
   if (device_kinds > 1) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
     trainer.shared()->deal_views(run.views_by_rank);
   }
-  // From the first change of a file to the last. A request that comes behind the last step does not cut the
-  // results short.
+  // From here on files are changed. Signals are handled until the end, and a signal after the last step does
+  // not shorten the writing of the results.
   beforehand.reset();
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
@@ -391,7 +395,8 @@ int run(const TrainOptions& options) {
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }
-  // Of a job all ranks say the same: a request that came to one of them after the last step changed nothing.
+  // In a job, all ranks must return the same code: a signal that reached one of them after the last step had
+  // no effect.
   const bool interrupted = ranks().size() > 1 ? outcome.interrupted : guard.interrupted();
   return interrupted ? kInterruptedExitCode : 0;
 }

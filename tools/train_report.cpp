@@ -11,8 +11,8 @@
 namespace ubs::tools {
 namespace {
 
-// Minutes by stage are estimates from sampled iterations (host/train/timed_stages.hpp); "other" is the rest:
-// images, the host, what runs between stages.
+// Minutes per stage are estimated from sampled iterations (host/train/timed_stages.hpp). "other" is the rest
+// of the time: images, the host, and work between stages.
 Json minutes_json(const Trainer& trainer) {
   Json stages = Json::object();
   double known = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs train` says of a run: its beginning, and at the end a summary and metrics.json.
+// These functions make the output of `ubs train` about a run: its start, the final summary and metrics.json.
 #pragma once
 
 #include <optional>
@@ -20,7 +20,7 @@ struct Evaluation {
 
 struct Outcome {
   bool interrupted = false;
-  std::optional<Evaluation> evaluation;  // the last one
+  std::optional<Evaluation> evaluation;  // the last evaluation
 };
 
 void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
@@ -28,7 +28,8 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders);
 
-// Without what concerns files: storage and data report. `peak_bytes`: of training.
+// Returns metrics.json without the parts about files: storage and data report. `peak_bytes` is the peak
+// memory of training.
 Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
               const Outcome& outcome);
 

@@ -18,12 +18,12 @@
 
 namespace ubs::tools {
 
-// With --budget the settings start from those of fast runs; without a word about iterations they come to
-// that when the data are known.
+// With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
+// settings of fast runs replace the returned ones as soon as the data are known.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
   const bool asked = !budget.empty();
-  if (asked) time_budget_seconds(budget);  // refuses what is none, before anything is loaded
+  if (asked) time_budget_seconds(budget);  // throws for an invalid budget before anything is loaded
   const auto resolved = [&](TrainSettings base) {
     base.dim = kAutoInt;
     base.iterations = kUnsaid;
@@ -60,7 +60,7 @@ TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, cons
 
 namespace {
 
-// By a run that was ended before its first step; one that is running holds the lock.
+// Returns whether a run that ended before its first step left the folder. A run in progress holds the lock.
 bool is_left_empty(const std::filesystem::path& folder) {
   try {
     const auto entries = folder_entries(folder);
@@ -72,7 +72,8 @@ bool is_left_empty(const std::filesystem::path& folder) {
   }
 }
 
-// A file that is no data set, but that people give as one, is explained by its name.
+// Throws an explanation if the file is of a kind that is often passed by mistake, recognised by its
+// extension.
 void check_kind(const std::filesystem::path& data) {
   if (is_folder(data)) return;
   std::string extension = data.extension().string();
@@ -103,7 +104,7 @@ void check_kind(const std::filesystem::path& data) {
 std::filesystem::path free_output_folder(const std::filesystem::path& data) {
   namespace fs = std::filesystem;
   fs::path at = absolute_path(data).lexically_normal();
-  if (!at.has_filename()) at = at.parent_path();  // a slash at the end
+  if (!at.has_filename()) at = at.parent_path();  // after a trailing slash
   fs::path folder = at.parent_path();
   const fs::path here = absolute_path("x").lexically_normal().parent_path();
   if (access(folder.c_str(), W_OK | X_OK) != 0) folder = here;
@@ -136,7 +137,8 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   Checkpoint checkpoint = open_checkpoint(options.resume);
   TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
-  for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);  // all decided
+  // The checkpoint has fixed all settings.
+  for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);
   return {{.settings = settings, .fast = {}},
           options.data.empty() ? checkpoint.data : options.data,
           options.resume,

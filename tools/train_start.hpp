@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a training run is made of: from the options of `ubs train`, or from the checkpoint of the run that is
-// continued, which must be of the same data, device and settings. `ubs plan` asks here what a new run would
-// be.
+// Start holds what a training run starts from. It is made from the options of `ubs train`, or from the
+// checkpoint of a run to resume, which must have the same data, device and settings. `ubs plan` uses it to
+// find out what a new run would be.
 #pragma once
 
 #include <filesystem>
@@ -19,45 +19,46 @@
 namespace ubs::tools {
 
 struct StartOptions {
-  std::string data, out, resume, budget;  // out empty: beside the data
+  std::string data, out, resume, budget;  // out empty: a folder next to the data
   bool overwrite = false, any_device = false;
 };
 
 struct NewSettings {
   TrainSettings settings;
-  // What the settings are made from when the data are known: with --budget, and where nobody chose the
-  // iterations.
+  // Set if the user did not choose the number of iterations, which is always so with --budget. The final
+  // settings are made from these when the data are known.
   std::optional<TrainSettings> fast;
 };
 
 struct Start : NewSettings {
   std::string data, out;
-  std::unique_ptr<FolderLock> lock;  // of the output folder
+  std::unique_ptr<FolderLock> lock;  // lock of the output folder
   std::optional<Checkpoint> checkpoint;
 };
 
-// A folder of that name is not there, or a run that did not begin left it: NAME-ubs beside the data NAME
-// (else, where that cannot be written, in the working folder), then NAME-ubs-2, ...
+// Returns the first free output folder: NAME-ubs next to the data NAME (in the working folder if that is not
+// writable), then NAME-ubs-2, and so on. A folder is free if it does not exist or was left by a run that
+// ended before its first step.
 std::filesystem::path free_output_folder(const std::filesystem::path& data);
 
-// Of a new run; N is left to the data where nothing gives it. Throws Error(usage) for a budget that is none,
-// or beside iterations.
+// Resolves the settings of a new run. If N is not given, the data determine it later. Throws Error(usage) for
+// an invalid budget, or for a budget together with iterations.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget = {});
-// `fast`, with what the data have decided since.
+// Returns `fast` with the settings that the data have determined since.
 TrainSettings fast_base(const NewSettings& run);
 std::size_t points_of(const Dataset& data);
 
-// Where nobody chose, a run has this many iterations, which come to what the published ones come to
-// (docs/results/2026-11-22-long-schedules.md), or this many seconds, whichever ends first.
+// If the user does not choose, a run has this many iterations, which reach the published quality
+// (docs/results/2026-11-22-long-schedules.md), or takes this many seconds, whichever ends first.
 inline constexpr int kUnaskedIterations = 16000;
 inline constexpr double kUnaskedSeconds = 900;
-// The settings of such a run that has all of the iterations.
+// Returns the settings of such a run if it has all iterations.
 TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
-// Holds the output folder. N is left to the data where nothing gives it. Throws Error(usage) for options that
-// are missing or exclude one another, settings that are not the run's, an output folder that another process
-// writes to, or that shares files with the data. `holds`: false for all ranks of a job but the first, which
-// leave the folder alone.
+// Collects what the run starts from and locks the output folder. If N is not given, the data determine it
+// later. Throws Error(usage) for missing or conflicting options, for settings that differ from those of the
+// run, and for an output folder that another process writes to or that shares files with the data. `holds`:
+// false for all ranks of a job except the first, which do not touch the folder.
 Start start_of(const StartOptions& options, const SettingsOptions& settings, bool holds = true);
 
 }  // namespace ubs::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs view: shows a finished model in the browser. The program draws the pictures and serves the page.
+// ubs view: shows a finished model in the browser. ubs renders the images and serves the page.
 #include <fcntl.h>
 #include <spawn.h>
 #include <unistd.h>
@@ -34,8 +34,8 @@ bool has_desktop() {
 }
 
 // Opens the address with xdg-open. The browser gets a process group of its own, so that Ctrl-C in the
-// terminal ends this program and not the browser. Failures are ignored, as the address is printed anyway.
-// Nobody waits for xdg-open: some browsers let it return only when they are closed.
+// terminal ends ubs and not the browser. Failures are ignored, because the address is printed anyway. ubs
+// does not wait for xdg-open, because with some browsers it returns only when the browser is closed.
 void open_browser(std::string url) {
   std::string program = "xdg-open";
   char* arguments[] = {program.data(), url.data(), nullptr};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs web: a model as one page that shows it, or as its container alone (docs/web.md).
+// ubs web: writes a page that shows a model, or only the compressed model (docs/web.md).
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -27,7 +27,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestPoster = 1024;  // pixels, in the page
+// Maximum side of the poster in the page [pixels].
+constexpr int kLongestPoster = 1024;
 
 struct WebOptions : ModelOptions {
   explicit WebOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) { split = "train"; }

@@ -10,9 +10,10 @@ namespace ubs {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr std::size_t kWalkStations = 12;  // more follow the hand that held the camera
-// Cameras in the order of a walk around something: 1.0 to 1.3 times the way from nearest to nearest. Drawn at
-// random on a sphere: 2 and more.
+constexpr std::size_t kWalkStations = 12;  // more would follow the shaking of a hand-held camera
+// Maximum length of the path through the cameras in their order, relative to the path that always goes to the
+// nearest remaining camera. Photographs taken while walking around an object have 1.0 to 1.3; random
+// positions on a sphere have 2 and more.
 constexpr double kDetour = 1.5;
 
 bool whole(double loops) { return loops == std::round(loops); }
@@ -89,7 +90,8 @@ class Keyframes : public CameraPath {
  private:
   const Pose& key(std::size_t i) const { return keys_[i % keys_.size()]; }
 
-  // The neighbours of the ends of an open path are their mirror images: the path begins and ends straight.
+  // Interpolates the position in segment i. An open path is extended beyond each end by the mirror image of
+  // the neighbouring keyframe, so that it starts and ends in a straight line.
   Vec3 position(std::size_t i, double s) const {
     const std::size_t n = keys_.size();
     const Vec3 p1 = key(i).position, p2 = key(i + 1).position;

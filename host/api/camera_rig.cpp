@@ -12,21 +12,26 @@
 namespace ubs {
 namespace {
 
-// LLFF's fern, photographed from one side, has 0.011 and meets at 1.1 times the median depth of its points;
-// captures around an object or in a room (NeRF Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have
+// Smallest determinant (see nearest_to_axes) for which the cameras have a common point. LLFF's fern,
+// photographed from one side, has 0.011, and its axes meet at 1.1 times the median depth of its points.
+// Captures around an object or in a room (NeRF Synthetic's lego, Mip-NeRF 360's bonsai, COLMAP's cup) have
 // 0.26 to 0.29.
 constexpr double kJustConverging = 0.002;
-// Half the common space over the width of the picture at the meeting point. NeRF Synthetic, whose published
-// box has a half size of 1.3, gives 1.31.
+// Half size of the common space, relative to half the width of the image at the meeting point. With this
+// value NeRF Synthetic gets 1.31; its published box has a half size of 1.3.
 constexpr double kFilled = 0.9;
-// Depths over that of the meeting point, of 96 % of the points: cup 0.5 to 1.6, bonsai 0.8 to 4.0, fern 0.6
-// to 2.1.
+// Range of depths relative to the depth of the meeting point. For comparison, 96 % of the points are at: cup
+// 0.5 to 1.6, bonsai 0.8 to 4.0, fern 0.6 to 2.1.
 constexpr double kNearer = 0.5, kFarther = 4;
-// Without a meeting point the distance between cameras is the only length there is: parallel cameras stand
-// close together (fern: depths of 3.8 to 13), others walk through the scene.
+// Without a meeting point, the only known length is the spread of the cameras, so the range of depths is a
+// multiple of it. It is a larger multiple for parallel cameras, which are close together compared with the
+// scene (fern: depths of 3.8 to 13). Other cameras move through the scene, which can also be closer than
+// their spread.
 constexpr double kParallel = 0.95;
 constexpr double kParallelNear = 2, kParallelFar = 20, kWalkNear = 0.5, kWalkFar = 10;
-constexpr double kMinDepth = 1e-3;  // of the meeting point, over the spread: nearer is the cameras' own place
+// Minimum depth of the meeting point, relative to the spread of the cameras. A smaller depth means that the
+// point is where the cameras are.
+constexpr double kMinDepth = 1e-3;
 
 Vec3 mean_of(std::span<const Camera> cameras, Vec3 (*value)(const Camera&)) {
   Vec3 mean{};
@@ -61,7 +66,7 @@ std::optional<Vec3> meeting_point(std::span<const Camera> cameras, double least)
 
 InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind) {
   const double spread = spread_of(cameras);
-  // One camera, or a turn on the spot: the pictures are the same at every size of the scene.
+  // With one camera, or cameras that only rotate, the images do not depend on the size of the scene.
   if (at_one_place(cameras))
     return between(1, 10, "all cameras have the same position, so any depth will do");
   const std::optional<Vec3> meeting = meeting_point(cameras, kJustConverging);
@@ -84,7 +89,7 @@ InitialSpace initial_space(std::span<const Camera> cameras, bool nothing_behind)
   const double half = kFilled * median(cameras, [&](const Camera& c) {
                         return 0.5 * depth_of(*meeting, c) * std::sqrt(c.width / c.fx * (c.height / c.fy));
                       });
-  const auto shown = [&](std::size_t k) {  // rounding is no place
+  const auto shown = [&](std::size_t k) {  // shows values that are only rounding errors as 0
     return std::abs((*meeting)[k]) < 1e-6 * depth ? 0.0 : (*meeting)[k];
   };
   return {

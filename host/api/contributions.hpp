@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each splat of a model contributes to the pixels of a set of views.
+// Contributions states how much each splat of a model contributes to the pixels of a set of views.
 #pragma once
 
 #include <span>
@@ -11,16 +11,16 @@ namespace ubs::reduce {
 
 struct Contributions {
   std::size_t splats = 0, views = 0;
-  // (views, splats): largest transmittance * alpha over the pixels of the view (stages.hpp, MeasureWeights).
-  // 0: the image of the view is the same to the bit without the splat.
+  // (views, splats): maximum of transmittance * alpha over the pixels of the view (stages.hpp,
+  // MeasureWeights). 0: without the splat, the image of the view would be bit-identical.
   std::vector<float> weights;
-  std::vector<float> most;              // (splats) over the views
-  std::vector<std::uint32_t> in_views;  // (splats) views with a weight above 0
+  std::vector<float> most;              // (splats) maximum over the views
+  std::vector<std::uint32_t> in_views;  // (splats) number of views with a weight above 0
 
   std::span<const float> view(std::size_t v) const { return {weights.data() + v * splats, splats}; }
 };
 
-// Draws views 0 .. views-1 of the renderer.
+// Renders views 0 .. views-1 of the renderer.
 Contributions measure_contributions(Device& device, Renderer& renderer, const DeviceGroups& model,
                                     const RenderSettings& settings, std::size_t views);
 

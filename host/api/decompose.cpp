@@ -12,7 +12,7 @@ namespace ubs {
 namespace {
 
 struct BetaRows {
-  int first = 0, count = 0;  // count 0: the model has none
+  int first = 0, count = 0;  // count 0: the model has no such beta
 };
 
 BetaRows beta_rows(const SplatModel& model, BetaKind kind) {

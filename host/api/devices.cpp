@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices.
+// This file implements the C interface for devices.
 #include "host/api/handles.hpp"
 #include "host/device/registry.hpp"
 
 namespace ubs::facade {
 namespace {
 
-// Before the first use of a driver, which all of this interface begins with.
+// Lists the devices. leave_drivers_alone() must be called before the first use of a driver; every use of this
+// interface starts by listing devices.
 std::vector<DeviceInfo> devices_here() {
   leave_drivers_alone();
   return list_devices();

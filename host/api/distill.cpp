@@ -15,7 +15,7 @@
 namespace ubs {
 namespace {
 
-// The same splats with room for harmonics up to this degree, or without those beyond it.
+// Returns the same splats with harmonics of this degree: missing ones are zero, higher ones are dropped.
 ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
   ImportedSplats out = splats;
   out.sh_degree = degree;
@@ -34,7 +34,7 @@ double unit_of(const Split& views, const SplatModel& model) {
   return median_depth(cameras_of(views), centres).value_or(1);
 }
 
-// Splats stay as many as they are.
+// Returns the settings for the training. They keep the number of splats constant.
 TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel& initial) {
   TrainSettings s = fast_settings();
   s.dim = 3;
@@ -59,7 +59,8 @@ Distiller::Distiller(std::shared_ptr<Device> device, const MixedModel& model, Tr
       drawing_(std::move(drawing)),
       views_{views.name, {}},
       degree_(degree) {
-  // All are drawn at one time: of a camera that saw many, one view is enough.
+  // All views are rendered with the same time value, so one of several views that differ only in time is
+  // enough.
   for (View& view : views.views) {
     view.camera.time = 0;
     if (std::ranges::find(views_.views, view.camera, &View::camera) == views_.views.end())

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model as Gaussians with harmonics that look like it: trained on the pictures that the model itself makes
-// of the cameras, from its closed form (reduce_splats.hpp) on, for a stated time.
+// Distiller converts a model at one moment to Gaussians with spherical harmonics that look like it. It starts
+// from the closed form (reduce_splats.hpp) and trains it on images that the model itself renders for the
+// given cameras.
 #pragma once
 
 #include <memory>
@@ -15,22 +16,22 @@
 
 namespace ubs {
 
-inline constexpr double kGaussianBlur = 0.3;  // eps2d that other tools draw Gaussians with
+inline constexpr double kGaussianBlur = 0.3;  // eps2d with which other tools render Gaussians
 
 struct Distilled {
   ImportedSplats splats;
   int iterations = 0;
-  double seconds = 0;            // measuring, drawing and training
-  double before = 0, after = 0;  // PSNR of closed form and result against the model's pictures [dB]
+  double seconds = 0;            // for measuring, rendering and training
+  double before = 0, after = 0;  // PSNR of closed form and result against the images of the model [dB]
 };
 
 class Distiller {
  public:
-  // The cameras of `views`, whose images are not looked at; `drawing`: how the model is drawn. The form has
-  // harmonics of this degree.
+  // Uses the cameras of `views`, not their images. `drawing` are the settings for rendering the model. The
+  // result has harmonics of degree `degree`.
   Distiller(std::shared_ptr<Device> device, const MixedModel& model, TrainSettings drawing, Split views,
             int degree);
-  // At this time of a dynamic model, in about so many seconds, but at least kMinIterations.
+  // Converts the model at this time. Takes about `seconds`, but trains for at least kMinIterations.
   Distilled at(double time, const ImportedSplats& closed_form, double seconds);
 
  private:
@@ -41,7 +42,7 @@ class Distiller {
   TrainSettings drawing_;
   Split views_;
   int degree_;
-  std::vector<StepCost> costs_;  // measured once
+  std::vector<StepCost> costs_;  // measured once, reused for further times
 };
 
 }  // namespace ubs

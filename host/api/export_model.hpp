@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models of ours in the files of other tools.
+// Converts ubs models to the splats of third-party formats.
 #pragma once
 
 #include <array>
@@ -12,9 +12,10 @@
 
 namespace ubs {
 
-// The splats of a model as a format of other tools holds them. A format of Beta splats takes those of N = 3
-// as they are, and Error(usage) for another model; one of Gaussians takes all models, group by group, and
-// those that are Gaussians already as they are. The remarks say what was done.
+// Returns the splats of a model as a third-party format stores them. A format with Beta splats stores models
+// of N = 3 exactly; other models throw Error(usage). A format with Gaussians stores all models, group by
+// group; groups that are Gaussians already are stored exactly. `remarks` receives sentences that say what was
+// done.
 ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& model,
                                const std::array<double, 3>& offset, const ReduceOptions& options,
                                std::vector<std::string>& remarks);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands behind the handles of include/ubs/ubs.h, and how its functions turn exceptions into error
-// codes. A file of this folder has the functions of one section of the header.
+// This file has the structures behind the handles of include/ubs/ubs.h, and the code that turns exceptions
+// into error codes. Each file of this folder implements one section of ubs.h.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,9 @@
 
 namespace ubs::facade {
 
-// An open device with its place in list_devices(). What is made of it shares it. One thread at a time works
-// with it; recursive, because the step function of a training may ask for more.
+// An open device and its index in list_devices(). Objects that are created from it share it. Only one thread
+// at a time may work with it. The mutex is recursive, because the step callback of a training may call other
+// functions.
 struct OpenDevice {
   std::size_t index = 0;
   std::shared_ptr<Device> device;
@@ -29,7 +30,7 @@ struct OpenDevice {
 
 void remember_error(const char* message) noexcept;
 
-// Runs `action`; what it throws becomes the status and the thread's message.
+// Runs `action`. If it throws, sets the error message of this thread and returns the status.
 template <typename Action>
 ubs_status guarded(const Action& action) noexcept {
   try {
@@ -48,7 +49,7 @@ ubs_status guarded(const Action& action) noexcept {
   }
 }
 
-// The same for functions that make a handle, with the device's lock where they use one.
+// The same for functions that create a handle; `make` takes the device's lock if it uses a device.
 template <typename Handle, typename Make>
 ubs_status made(Handle** out, const Make& make) noexcept {
   if (out) *out = nullptr;
@@ -64,7 +65,8 @@ T& given(T* pointer, const char* what) {
   return *pointer;
 }
 
-// A struct of the caller, who may know fewer or more members than this library.
+// Copies a struct of the caller, which may have been compiled with fewer or more members than this library
+// has.
 template <typename T>
 T taken(const T* from, const char* what) {
   const std::size_t size = given(from, what).size;
@@ -75,7 +77,7 @@ T taken(const T* from, const char* what) {
   return copy;
 }
 
-// To the caller's struct, whose `size` stays what it is.
+// Copies a result to the caller's struct and keeps its `size`.
 template <typename T>
 void put(T* to, T value, const char* what) {
   const std::size_t size = taken(to, what).size;
@@ -83,7 +85,7 @@ void put(T* to, T value, const char* what) {
   std::memcpy(to, &value, std::min(size, sizeof(T)));
 }
 
-// As much of the text as there is room for, with its end.
+// Copies as much of the text as fits, with a terminating 0.
 template <std::size_t N>
 void put_text(char (&to)[N], const std::string& text) {
   const std::size_t length = std::min(text.size(), N - 1);
@@ -93,10 +95,11 @@ void put_text(char (&to)[N], const std::string& text) {
 
 Camera camera_from(const ubs_camera& camera);
 ubs_camera camera_to(const Camera& camera);
-// In the coordinates of a model (world = model + offset), with the query values that its dimensions need.
+// Returns the camera in the coordinates of a model (world = model + offset). Checks that it has the query
+// values that the model's dimensions need.
 Camera camera_for(const LoadedModel& model, const ubs_camera* camera);
 
-// All but the splits.
+// Returns everything except the splits.
 Dataset without_views(const Dataset& data);
 const Split& train_of(const Dataset& data);
 
@@ -112,7 +115,7 @@ struct ubs_settings {
 
 struct ubs_data {
   std::shared_ptr<ubs::Dataset> set = std::make_shared<ubs::Dataset>();
-  ubs::TrainSettings settings;  // that it was opened with
+  ubs::TrainSettings settings;  // settings that the data were opened with
 };
 
 struct ubs_model {

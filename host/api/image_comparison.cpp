@@ -10,10 +10,11 @@
 namespace ubs {
 namespace {
 
-// The same bits as the device makes of 8-bit images, so that equal images have an infinite PSNR.
+// The device uses this value for 8-bit images, so that equal images give bit-identical values and an infinite
+// PSNR.
 constexpr float kUnit = 0.00392156862745098f;
 
-// (height, width, 3) to planes with rows of `pitch` and planes of `rows` rows.
+// Converts (height, width, 3) to planes of `rows` rows, with `pitch` values per row.
 template <typename To, typename From, typename Change>
 std::vector<To> planes(std::span<const From> image, int width, int height, int pitch, int rows,
                        const Change& change) {
@@ -99,7 +100,7 @@ ViewMetrics ImageComparison::measure(const std::string& name, int width, int hei
   const ImageShape shape{width, height};
   const auto values = planes<float>(image, width, height, shape.pitch(), shape.rows(), clamped);
   const auto target = upload(planes<float>(truth, width, height, width, height, clamped));
-  // The networks read padded planes.
+  // The LPIPS networks read planes with padding.
   const auto padded = upload(planes<float>(truth, width, height, shape.pitch(), shape.rows(), clamped));
   return measure(
       name, shape, values, {}, target.view(),

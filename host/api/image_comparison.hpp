@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image metrics of a pair of images in host memory: PSNR, SSIM and LPIPS.
+// ImageComparison computes metrics of a pair of images in host memory: PSNR, SSIM and LPIPS.
 #pragma once
 
 #include <memory>
@@ -17,9 +17,9 @@ class ImageComparison {
  public:
   ImageComparison(Device& device, const LpipsRequest& request);
 
-  // Of the same size, which the caller has checked.
+  // Compares two images of the same size; the caller must have checked the size.
   ViewMetrics measure(const std::string& name, const Image8& truth, const Image8& image);
-  // (height, width, 3); both are clamped to [0, 1].
+  // Compares two images of shape (height, width, 3). Both are clamped to [0, 1].
   ViewMetrics measure(const std::string& name, int width, int height, std::span<const float> truth,
                       std::span<const float> image);
 

@@ -16,7 +16,7 @@ using frames::Node;
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-// A misspelt field would otherwise be ignored in silence.
+// Throws for unknown fields, because a misspelt field would otherwise be silently ignored.
 void check_fields(const Json& object, const std::string& where, std::initializer_list<const char*> known) {
   for (const auto& [key, value] : object.items())
     if (std::ranges::find(known, key) == known.end())

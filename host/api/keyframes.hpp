@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera keyframes as a JSON file, written by people (docs/view.md):
+// read_keyframes() reads camera keyframes from a JSON file that users write (docs/view.md):
 //   {"closed": false, "keyframes": [{"position": [x, y, z], "look_at": [x, y, z], "up": [x, y, z],
 //                                    "fov": degrees, "time": t}, ...]}
-// In the place of position, look_at and up a frame may have "world_to_camera" (3x4 or 4x4, axes of COLMAP and
+// Instead of position, look_at and up a keyframe may have "world_to_camera" (3x4 or 4x4, axes of COLMAP and
 // OpenCV: x right, y down, z forward) or "transform_matrix" (camera to world, axes of transforms.json).
 #pragma once
 
@@ -20,11 +20,13 @@ struct KeyframeFile {
 
 struct KeyframeDefaults {
   Vec3 up{0, 0, 1};
-  double fov = 0.87;     // horizontal [rad]
-  Vec3 offset{0, 0, 0};  // world = model + offset: the file is in the world, poses are in the model
+  double fov = 0.87;  // horizontal [rad]
+  // Position in the world = position in the model + offset. The file has world coordinates; the returned
+  // poses are in model coordinates.
+  Vec3 offset{0, 0, 0};
 };
 
-// Throws Error(data) naming file, keyframe and field.
+// Throws Error(data) that names file, keyframe and field.
 KeyframeFile read_keyframes(const std::filesystem::path& path, const KeyframeDefaults& defaults);
 
 }  // namespace ubs

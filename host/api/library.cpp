@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Version, errors, log.
+// This file implements the C interface for version, errors and log.
 #include <cstdio>
 
 #include "host/api/handles.hpp"
@@ -24,7 +24,7 @@ const char* ubs_version(void) { return ubs::kVersion; }
 const char* ubs_error_message(void) { return ubs::facade::message; }
 
 void ubs_set_log(ubs_log_function function, void* user) {
-  // Nothing to report: what cannot be set leaves the log as it was.
+  // This function has no status to return. If it fails, the log stays as it was.
   ubs::facade::guarded([&] {
     if (!function) return ubs::set_log({});
     ubs::set_log([function, user](ubs::LogLevel level, const std::string& text) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Comparing images.
+// This file implements the C interface for comparing images.
 #include <cstdlib>
 #include <limits>
 #include <optional>
@@ -22,7 +22,7 @@ LpipsRequest request_of(const char* networks, const char* weights) {
   LpipsRequest request;
   std::istringstream names(networks ? networks : "");
   for (std::string name; std::getline(names, name, ',');) {
-    lpips_network(name);  // refuses unknown ones
+    lpips_network(name);  // throws for unknown networks
     request.networks.push_back(name);
   }
   if (request.networks.empty()) return request;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measurements as the facade hands them out.
+// metrics_to() converts metrics to the struct of the C interface.
 #pragma once
 
 #include "host/api/handles.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models in host memory.
+// This file implements the C interface for models in host memory.
 #include "host/api/export_model.hpp"
 #include "host/api/handles.hpp"
 #include "host/api/model_session.hpp"
@@ -11,7 +11,8 @@
 namespace ubs::facade {
 namespace {
 
-// Names of parameter groups, which a form has in this order; handed out for ever.
+// Returns the name of a parameter group as a string with static lifetime. A variant has its groups in this
+// order.
 const char* group_name(const std::string& name) {
   static constexpr const char* kNames[] = {"xyz",  "rgb",  "sh0",   "sh_rest",    "lobes",   "opacity",
                                            "beta", "mean", "scale", "l_triangle", "rotation"};
@@ -46,7 +47,7 @@ ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_m
     validate(values);
     if (values.dim == kAutoInt)
       fail(ErrorKind::usage, "dim = auto requires data: pass a number from 3 to 11");
-    constexpr std::uint64_t kMaxSplats = 100'000'000;  // as of cap_max
+    constexpr std::uint64_t kMaxSplats = 100'000'000;  // the same limit as for cap_max
     if (splats < 1 || splats > kMaxSplats)
       fail(ErrorKind::usage, "a model can have 1 to {} splats, not {}", kMaxSplats, splats);
     auto created = std::make_unique<ubs_model>();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model file on a device, ready to be drawn.
+// ModelSession is a model on a device, ready to be rendered.
 #pragma once
 
 #include <memory>
@@ -13,15 +13,15 @@
 
 namespace ubs {
 
-// A model file of any format; what reading it dropped and noticed is logged as warnings.
+// Opens a model file of any format. Logs what was dropped or noticed while reading as warnings.
 LoadedModel open_model(const std::string& path);
 
-// The defaults, and in their place how the model says that it wants to be drawn. Throws Error(data) that
-// starts with `path` for notes that make no sense.
+// Returns the default settings, replaced by the settings for rendering that the model states. Throws
+// Error(data) whose message starts with `path` for invalid values.
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
-// Dimension and form of the method are those of the model's first group, whatever the settings say; nothing
-// is frozen.
+// Returns the kernel configuration. Dimension and variant are those of the model's first group, whatever the
+// settings say; no parameters are frozen.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
                         bool depth, bool backward);
 
@@ -30,7 +30,7 @@ class ModelSession {
   // Uploads the model; the renderer has no cameras yet.
   ModelSession(std::shared_ptr<Device> device, const MixedModel& model, const TrainSettings& settings,
                bool depth, bool backward = false);
-  // Opens the device, proved for this, and uploads the model and the cameras of the split.
+  // Opens the device after verifying it for this use, and uploads the model and the cameras of the split.
   ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                const TrainSettings& settings, bool depth, bool backward = false);
 
@@ -38,7 +38,7 @@ class ModelSession {
   Stages& stages() { return model_.stages(); }
   Renderer& renderer() { return renderer_; }
   const DeviceGroups& model() const { return model_; }
-  // A choice of the splats that it was made with.
+  // Shows a subset of the splats that the session was created with.
   void choose(const MixedModel& part) { model_.upload(part); }
   const RenderSettings& settings() const { return settings_; }
 

@@ -11,8 +11,8 @@
 namespace ubs::reduce {
 namespace {
 
-// The state that training adds to a model. Learning rates are zero: the work of a step without moving
-// anything.
+// The state that training adds to a model. The learning rates are zero, so that a step does its full work but
+// changes nothing.
 class Step {
  public:
   Step(Device& device, const TimedModel& timed)
@@ -71,7 +71,9 @@ std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedMo
     const Target target = targets.get(view);
     for (std::size_t turn = 0; turn < 2; ++turn) {
       const std::size_t m =
-          (turn + round) % 2;  // who is first changes: the second finds the caches of the first
+          // The models take turns at being first, because the second one finds the caches that the first one
+          // filled.
+          (turn + round) % 2;
       const double drawn = milliseconds(
           device, [&] { models[m].renderer->forward(models[m].model->view(), view, settings, false); });
       const double stepped = milliseconds(device, [&] { steps[m]->run(view, settings, target); });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of drawing a view and of a training step (forward, loss, backward, Adam) of two models, taken in turn
-// so that both meet the same machine.
+// measure_times() measures the time of rendering a view and of a training step (forward, loss, backward,
+// Adam) for two models. The models are measured alternately, so that both run under the same conditions.
 #pragma once
 
 #include <array>
@@ -12,16 +12,16 @@
 namespace ubs::reduce {
 
 struct ModelTimes {
-  Summary render_ms, step_ms;  // wall time to an idle device
+  Summary render_ms, step_ms;  // wall time until the device is idle
 };
 
 struct TimedModel {
   const DeviceGroups* model;
-  Renderer* renderer;  // with the cameras of the views
+  Renderer* renderer;  // its cameras are those of the views
 };
 
-// `rounds` views, evenly spread over the first `views` of the renderers, whose images `targets` has under the
-// same numbers; one round before them is not counted.
+// Measures `rounds` views, evenly spread over the first `views` of the renderers; `targets` has their images
+// under the same numbers. One warm-up round before them is not counted.
 std::array<ModelTimes, 2> measure_times(Device& device, const std::array<TimedModel, 2>& models,
                                         const RenderSettings& settings, std::size_t views,
                                         TargetImages& targets, std::size_t rounds);

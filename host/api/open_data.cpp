@@ -32,7 +32,7 @@ Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesys
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images) {
   DatasetOptions options = reading_options(settings);
-  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // is of decoding alone
+  if (opened) options.read.image_cache_mb = opened->reading.read.image_cache_mb;  // matters only for decoding
   if (!opened || opened->folder != folder || opened->reading != options)
     return open_dataset(folder, image_splits, settings, images);
   options = reading_options(settings);
@@ -74,7 +74,8 @@ Split open_split_for(const std::array<double, 3>& offset, const std::filesystem:
   return taken;
 }
 
-// N = 3 + direction (from N = 6 on) + time + further values, in the order of method.md 1.2.
+// N is the sum of 3 (position), 3 for the direction (from N = 6 on), 1 for the time, and the number of
+// further values, in the order of method.md 1.2.
 void check_query(const Split& split, int dim) {
   const int query = dim - 3 - (dim >= 6 ? 3 : 0);
   const std::size_t needed = query > 1 ? static_cast<std::size_t>(query - 1) : 0;

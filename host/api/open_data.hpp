@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data folders as commands and the library want them: loaded with the settings, and checked against a model.
+// Opens data folders for commands and the library: loads them with the settings and checks them against a
+// model.
 #pragma once
 
 #include <array>
@@ -16,14 +17,14 @@ namespace ubs {
 
 enum class Images { load, skip };
 
-// The folder in any known layout, with images of the splits named (empty list: of all).
+// Loads the folder in any known layout, with images of the named splits (empty list: of all splits).
 Dataset open_dataset(const std::filesystem::path& folder, const std::vector<std::string>& image_splits,
                      const TrainSettings& settings, Images images);
 
-// A data set that has been opened once, with the images of all splits as sources.
+// A data set that was opened once. The images of all splits are sources that are decoded on demand.
 struct OpenedData {
   std::filesystem::path folder;
-  DatasetOptions reading;  // as it was opened
+  DatasetOptions reading;  // options that it was opened with
   Dataset data;
 };
 OpenedData open_undecoded(const std::filesystem::path& folder, const TrainSettings& settings);
@@ -32,22 +33,22 @@ Dataset open_dataset(const std::optional<OpenedData>& opened, const std::filesys
                      const std::vector<std::string>& image_splits, const TrainSettings& settings,
                      Images images);
 
-// Moves the split out; an error that names the splits there are when it is missing or empty.
+// Moves the split out. Throws an error that lists the available splits if it is missing or empty.
 Split take_split(Dataset& data, const std::string& split);
 
-// Skipped things as warnings.
+// Prints a warning for everything that was skipped.
 void warn_skipped(const LoadReport& report);
 
-// open_dataset, warn_skipped and take_split: at least one view, with Images::skip without its image. Cameras
-// are relative to `offset` (of a model: world = model + offset), and as the run of the model has refined them
-// where the settings name its folder.
+// Calls open_dataset, warn_skipped and take_split. Returns at least one view; with Images::skip, views have
+// no images. Cameras are relative to `offset` (that of a model: world = model + offset). If the settings name
+// the folder of a run, the cameras are those that the run has refined.
 Split open_split_for(const std::array<double, 3>& offset, const std::filesystem::path& folder,
                      const std::string& split, const TrainSettings& settings, Images images,
                      const std::optional<OpenedData>& opened = {});
 
-// Throws Error(data) when the views bring fewer query values than N dimensions need.
+// Throws Error(data) if the views have fewer query values than N dimensions need.
 void check_query(const Split& split, int dim);
-// Throws Error(data) naming the first view without an image.
+// Throws Error(data) that names the first view without an image.
 void require_images(const Split& split);
 
 }  // namespace ubs

@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-// Turbo for 0 to 255 as R, G, B.
+// Returns the Turbo colour map for values from 0 to 255, as R, G, B.
 const cv::Mat3b& turbo() {
   static const cv::Mat3b table = [] {
     cv::Mat1b levels(1, 256);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a rendered view looks like on a screen: colour, or depth and alpha as pictures.
+// picture() converts a rendered view to an image for display: colour, depth or alpha.
 #pragma once
 
 #include <string_view>
@@ -17,15 +17,17 @@ struct DepthRange {
   bool empty() const { return !(far > near); }
 };
 
-// From the 1st to the 99th percentile; {0, 0} of none.
+// Returns the range from the 1st to the 99th percentile; {0, 0} if there are no depths.
 DepthRange depth_percentiles(std::vector<float> depths);
-// Of pixels with alpha above a half; empty without such pixels or when they are all alike.
+// Returns the depth range of the pixels with alpha above 0.5. Empty if there are no such pixels or if all
+// have the same depth.
 DepthRange depth_range(const RenderedView& view);
-// From the nearer to the farther of two; an empty one does not count.
+// Returns the smallest range that contains both; an empty range is ignored.
 DepthRange united(const DepthRange& a, const DepthRange& b);
 
-// Depth by Turbo's colours, red near and blue far, darkened by missing alpha; grey for alpha. A value that is
-// not finite is an error (host/data/image.hpp). `range` is for depth alone.
+// Depth is shown in the Turbo colour map, red for near and blue for far, and darker where alpha is below 1;
+// alpha is shown in grey. A value that is not finite is an error (host/data/image.hpp). `range` is only used
+// for depth.
 Image8 picture(const RenderedView& view, Channel channel, const DepthRange& range = {});
 
 }  // namespace ubs

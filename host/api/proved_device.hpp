@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The device for a command that trains, draws or measures: one that has shown that it computes what the
-// command needs (host/check/gate.hpp).
+// Opens verified devices. A device that a command uses for training, rendering or measuring must first have
+// been verified: it computes correctly what the command needs (host/check/gate.hpp).
 #pragma once
 
 #include <memory>
@@ -13,18 +13,18 @@
 
 namespace ubs {
 
-// Of a training with these settings.
+// Returns what a training with these settings needs.
 check::Use training_use(const TrainSettings& settings);
-// Of drawing a model, each of its groups; `backward`: and of its gradients.
+// Returns what rendering a model needs, for each of its groups. `backward`: also its gradients.
 check::Use drawing_use(const MixedModel& model, const TrainSettings& settings, bool backward = false);
 
-// Of comparing images; `networks`: with LPIPS.
+// Returns what comparing images needs. `networks`: also LPIPS.
 check::Use comparing_use(bool networks);
-// Throws Error(faulty) where this one, in its place of list_devices(), computes wrong results.
+// Throws Error(faulty) if this device, which is number `index` in list_devices(), computes wrong results.
 void prove_device(const DeviceInfo& info, std::size_t index, const check::Use& use);
-// Throws as choose_proved_device() and open_device() do.
+// Throws the same errors as choose_proved_device() and open_device().
 std::unique_ptr<Device> open_proved_device(const std::string& request, const check::Use& use);
-// A request that names the device and no other, to be passed on.
+// Returns a request that selects exactly the verified device, to be passed on to other processes.
 std::string proved_request(const std::string& request, const check::Use& use);
 
 }  // namespace ubs

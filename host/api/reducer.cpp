@@ -9,9 +9,9 @@
 namespace ubs::reduce {
 namespace {
 
-constexpr std::size_t kBlock = 256;  // splats a work item
+constexpr std::size_t kBlock = 256;  // splats per work item
 
-// Where a splat of the model is: group and place in it.
+// Position of a splat in the model: its group, and its index in the group.
 struct Place {
   std::size_t group, splat;
 };
@@ -23,10 +23,10 @@ std::vector<Place> places_of(const MixedModel& model) {
   return places;
 }
 
-// Splats of one dimension as they are collected, one after the other.
+// Splats of one dimension, collected one after the other.
 struct Collected {
   std::vector<std::uint32_t> sources;
-  std::vector<float> values;  // parameters of a splat side by side
+  std::vector<float> values;  // the parameters of a splat are contiguous
 };
 
 SplatModel assemble(int dim, const ModelVariant& variant, const Collected& collected) {
@@ -47,7 +47,7 @@ Reducer::Reducer(const MixedModel& model, const std::vector<Camera>& cameras,
     std::vector<float> weights(cameras.size());
     const std::size_t end = std::min(places.size(), (block + 1) * kBlock);
     for (std::size_t i = block * kBlock; i < end; ++i) {
-      if (!(contributions.most[i] > 0)) continue;  // it goes anyway
+      if (!(contributions.most[i] > 0)) continue;  // removed in any case
       for (std::size_t v = 0; v < cameras.size(); ++v) weights[v] = contributions.view(v)[i];
       replacements_[i] = ubs::reduce::replacements(model.groups[places[i].group], places[i].splat,
                                                    {cameras, weights, eps2d}, worst);

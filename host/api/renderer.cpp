@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model on a device: pictures, and gradients of what is drawn.
+// This file implements the C interface for a model on a device: rendered images, and gradients with respect
+// to what was rendered.
 #include <cmath>
 #include <optional>
 #include <span>
@@ -12,15 +13,17 @@
 
 struct ubs_renderer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
-  ubs::LoadedModel
-      shape;  // dimensions, form, splats and offset of the model it was made with, without values
+  // Dimensions, variant, splats and offset of the model that the renderer was created with, without values.
+  ubs::LoadedModel shape;
   unsigned flags = 0;
   std::optional<ubs::ModelSession> session;
-  std::vector<std::byte> staging;              // of pictures on their way to the caller
-  std::optional<ubs::GroupBuffers> gradients;  // with the first that is asked for
-  std::optional<ubs::Camera> differentiated;   // the caller's camera of the last gradient, while it is there
-  ubs::ImageShape v_rgb_shape;                 // of UBS_ARRAY_V_RGB as it was handed out last
-  bool painted_over = false;                   // the picture, by the gradient of alpha or depth
+  std::vector<std::byte> staging;              // for images that are copied to the caller
+  std::optional<ubs::GroupBuffers> gradients;  // allocated at the first request for gradients
+  // Camera of the last gradient; empty if there is no valid gradient
+  std::optional<ubs::Camera> differentiated;
+  ubs::ImageShape v_rgb_shape;  // size of UBS_ARRAY_V_RGB when it was last returned
+  // The gradient of alpha or depth has overwritten the image.
+  bool painted_over = false;
 };
 
 namespace ubs::facade {
@@ -32,7 +35,8 @@ std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
 }
 
-// Same number, dimensions and form of the groups.
+// Throws unless the groups have the same dimensions and variants, and the same numbers of splats (or at most
+// as many, if `same_count` is false).
 void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count, const char* what) {
   bool same = a.groups.size() == b.groups.size();
   for (std::size_t g = 0; same && g < a.groups.size(); ++g)
@@ -48,7 +52,7 @@ void check_finite(std::span<const float> values, const char* what) {
     if (!std::isfinite(value)) fail(ErrorKind::usage, "{} contains values that are not finite", what);
 }
 
-// As the renderer has them now.
+// Returns the shapes of the groups with their current number of splats.
 MixedModel groups_of(const ubs_renderer& renderer) {
   MixedModel shape = renderer.shape.model;
   const std::vector<DeviceModel>& groups = renderer.session->model().groups();
@@ -56,7 +60,8 @@ MixedModel groups_of(const ubs_renderer& renderer) {
   return shape;
 }
 
-// Into the model of the caller, who may hold pointers to its values; all of it or nothing.
+// Copies the gradients into the caller's model. The caller may hold pointers to its values, so they are kept
+// in place. Copies everything or nothing.
 void download(const ubs_renderer& renderer, MixedModel& to) {
   MixedModel values{std::vector<SplatModel>{}};
   const std::vector<DeviceModel>& groups = renderer.session->model().groups();
@@ -76,7 +81,7 @@ std::span<const BufferView<float>> gradient_buffers(ubs_renderer& renderer) {
   return renderer.gradients->view();
 }
 
-// An array of (planes, rows, pitch) as (height, width, planes), or (height, width).
+// Describes an array of (planes, rows, pitch) as (height, width, planes) or (height, width).
 void put_picture(ubs_array& array, const ImageShape& shape, bool planes) {
   const std::int64_t pitch = shape.pitch(), plane = static_cast<std::int64_t>(shape.plane());
   array.dims = planes ? 3 : 2;
@@ -131,7 +136,8 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
 
 void ubs_renderer_free(ubs_renderer* renderer) {
   if (!renderer) return;
-  const std::shared_ptr<OpenDevice> open = renderer->open;  // its lock outlives the renderer
+  // Keeps the lock alive until the renderer is deleted
+  const std::shared_ptr<OpenDevice> open = renderer->open;
   const std::lock_guard lock(open->mutex);
   delete renderer;
 }

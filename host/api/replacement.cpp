@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // See replacement.hpp. The replacement starts as the marginal of the splat (method.md 2.1: rows of L), which
-// for trailing dimensions keeps the others' conditioning as it is; then its opacity, mean and, for N = 3,
-// covariance become the weighted means over the views.
+// does not change the conditioning on the remaining dimensions if trailing ones are removed. Then its
+// opacity, mean and, for N = 3, covariance become the weighted means over the views.
 #include "host/api/replacement.hpp"
 
 #include <algorithm>
@@ -19,7 +19,7 @@ constexpr double kMaxOpacity = 1 - 1e-6;
 bool has_direction(int dim) { return dim >= 6; }
 int value_count(int dim) { return dim - 3 - (has_direction(dim) ? 3 : 0); }
 
-// Query dimensions of N that those of `to` stand for.
+// Returns the query dimensions of N = `from` that correspond to those of N = `to`.
 std::vector<int> kept_query(int from, int to) {
   std::vector<int> kept;
   if (has_direction(to)) kept = {0, 1, 2};
@@ -29,7 +29,7 @@ std::vector<int> kept_query(int from, int to) {
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-std::max(y, 1e-7))); }
 
-// A splat of its own, so that Slicer reads it.
+// Returns a model with this single splat, which Slicer can read.
 SplatModel single_splat(const SplatModel& model, std::size_t splat) {
   SplatModel one(model.dim, 1, model.variant);
   for (int r = 0; r < model.layout().count; ++r) one.row(r)[0] = model.row(r)[splat];
@@ -38,8 +38,9 @@ SplatModel single_splat(const SplatModel& model, std::size_t splat) {
 
 int triangle(int row, int column) { return row * (row - 1) / 2 + column; }
 
-// Rows of L of the query dimensions that stay. Where columns go, theirs are taken up by the triangle of the
-// rest: the Cholesky factor of the rows' products without the spatial columns.
+// Sets the rows of L of the remaining query dimensions. If columns are removed, the triangle of the remaining
+// columns must account for them: it is the Cholesky factor of the products of the rows without their spatial
+// columns.
 void marginal_rows(const SplatModel& from, SplatModel& to, const std::vector<int>& kept) {
   const ParameterLayout a = from.layout(), b = to.layout();
   const auto entry = [&](int q, int column) -> double {
@@ -49,7 +50,8 @@ void marginal_rows(const SplatModel& from, SplatModel& to, const std::vector<int
     return column == row ? (raw > 20 ? raw : std::log1p(std::exp(raw))) : 0.0;
   };
   const auto stays = [&](int q) { return std::ranges::find(kept, q) != kept.end(); };
-  bool untouched = true;  // nothing of the columns that go: the rows stay as they are to the bit
+  // The removed columns are all zero, so the remaining rows are copied exactly.
+  bool untouched = true;
   for (const int q : kept)
     for (int c = 0; c < q; ++c) untouched = untouched && (stays(c) || entry(q, 3 + c) == 0);
   double factor[kMaxQuery][kMaxQuery] = {};
@@ -99,9 +101,9 @@ SplatModel marginal(const SplatModel& from, int dim) {
   return to;
 }
 
-// Dimensions that go have an exponent and a weight that are zero as float32, and nothing that stays is
-// correlated with them: then opacity factor, offset and shrinkage are exactly 1, 0 and I for them, whatever
-// the query.
+// Returns whether removing the dimensions has no effect. This is true if their exponent and weight are zero
+// in float32 and no remaining dimension is correlated with them: then their opacity factor, offset and
+// shrinkage are exactly 1, 0 and I for every query.
 bool without_effect(const SplatModel& from, int dim) {
   const ParameterLayout l = from.layout();
   const std::vector<int> kept = kept_query(from.dim, dim);
@@ -142,10 +144,10 @@ QueryValues query_of(const SplatModel& splat, const Camera& camera) {
   return query;
 }
 
-struct Seen {  // the splat in a view that sees it
+struct Seen {  // the splat in one view that sees it
   Slice slice;
-  double weight = 0;  // largest blended weight
-  double px = 0;      // pixels a unit of length across the line of sight
+  double weight = 0;  // maximum blended weight
+  double px = 0;      // pixels per unit of length perpendicular to the line of sight
 };
 
 double depth_of(const Camera& camera, const std::array<double, 3>& p) {
@@ -166,9 +168,10 @@ std::vector<Seen> slices_of(const SplatModel& splat, const SplatViews& views) {
   return seen;
 }
 
-// Largest change of the kernel's falloff when the ellipse moves by `shift` and stretches by `stretch` of
-// itself: the slopes 2 beta (1-r)^(beta-1) sqrt(r) and beta (1-r)^(beta-1) r at their maxima, for beta near
-// and below 1, where these lie at the rim, at r = 0.9. Gaussian: sqrt(r) exp(-r/2), r exp(-r/2) / 2.
+// Returns the maximum change of the kernel's falloff if the ellipse moves by `shift` and stretches by
+// `stretch`, both relative to its size. It is computed from the maxima of the slopes 2 beta (1-r)^(beta-1)
+// sqrt(r) and beta (1-r)^(beta-1) r. For beta near and below 1 these are at the rim, so r is limited to 0.9.
+// Gaussian: sqrt(r) exp(-r/2), r exp(-r/2) / 2.
 double falloff_change(double beta, double shift, double stretch) {
   double move = std::exp(-0.5), grow = std::exp(-1.0);
   if (beta > 0) {
@@ -181,11 +184,12 @@ double falloff_change(double beta, double shift, double stretch) {
 }
 
 struct Difference {
-  double shift = 0, stretch = 0;  // in units of the ellipse (with its blur)
-  double distance = 0;            // of the means, world units
+  double shift = 0, stretch = 0;  // relative to the ellipse (with its blur)
+  double distance = 0;            // of the means [world units]
 };
 
-// Whitened with the covariance of `a` plus the blur: |L^-1 d| and |L^-1 (B - A) L^-T| (Frobenius).
+// Compares two slices after whitening with the covariance of `a` plus the blur. Computes |L^-1 d| and |L^-1
+// (B - A) L^-T| (Frobenius).
 Difference compare(const Slice& a, const Slice& b, double blur) {
   double chol[3][3] = {}, middle[3][3], d[3];
   for (int r = 0; r < 3; ++r)
@@ -240,7 +244,7 @@ DimensionEffect effect_of(const std::vector<Seen>& before, const std::vector<See
     effect.shift_px = std::max(effect.shift_px, px * difference.distance);
     const double alpha = std::abs(a.opacity - b.opacity) +
                          a.opacity * falloff_change(beta, difference.shift, difference.stretch);
-    // weight / opacity is the transmittance in front of the splat, where its centre meets a pixel's.
+    // weight / opacity is the transmittance in front of the splat, if its centre is at the centre of a pixel.
     const double in_front = a.opacity > 0 ? std::min(1.0, before[v].weight / a.opacity) : 1.0;
     effect.change = std::max(effect.change, in_front * alpha);
   }
@@ -248,7 +252,8 @@ DimensionEffect effect_of(const std::vector<Seen>& before, const std::vector<See
   return effect;
 }
 
-// Constants that are best in the mean over the views, each weighted with what the splat contributes there.
+// Fits opacity and mean as constants that are optimal on average over the views, each view weighted by the
+// splat's contribution to it.
 void fit_constants(SplatModel& splat, const std::vector<Seen>& before, const std::vector<Seen>& after) {
   const ParameterLayout l = splat.layout();
   double cross = 0, square = 0, sum = 0;
@@ -332,7 +337,7 @@ std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat
                                       double worst) {
   const SplatModel one = single_splat(model, splat);
   const bool known =
-      Slicer::knows(model.variant) && !model.variant.direct();  // marginal() is of a covariance
+      Slicer::knows(model.variant) && !model.variant.direct();  // marginal() needs a covariance
   std::vector<Replacement> out;
   std::vector<Seen> before;
   double beta = 0;

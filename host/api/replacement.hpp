@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A splat with fewer dimensions in the place of one with more: direction or time and further values no longer
-// act on it, and what they did is replaced by the best constant over the views in which the splat is seen.
+// Replacement is a splat that replaces one with more dimensions. The direction, or time and further values,
+// or all of these, no longer affect the new splat. Their effect is replaced by the constant that fits best
+// over the views in which the splat is visible.
 #pragma once
 
 #include <span>
@@ -11,34 +12,36 @@
 
 namespace ubs::reduce {
 
-// Dimensions that a splat of N can be turned into, smallest first: without direction, without time and
-// further values, or without both, as far as N expresses it (kernels/layout.h): 7 -> 3, 4, 6.
+// Returns the numbers of dimensions that a splat of N dimensions can be reduced to, smallest first. The
+// reduced splat lacks the direction, or time and further values, or both, if a layout for that combination
+// exists (kernels/layout.h). For example, 7 can be reduced to 3, 4 and 6.
 std::vector<int> smaller_dims(int dim);
 
-// What becomes of a splat between the views when its dimensions act: ranges over the views that see it.
+// The effect that the removed dimensions have on a splat: ranges over the views that see it.
 struct DimensionEffect {
-  double opacity = 0;   // largest - smallest factor of the conditioned opacity that the constant replaces
-  double shift_px = 0;  // largest distance of the conditional mean from its replacement [px]
-  double change = 0;    // estimate of the largest change of a pixel's blended weight
-  // The dimensions have no effect at all, at any query: the replacement draws the same bits.
+  double opacity = 0;   // maximum - minimum factor of the conditioned opacity that the constant replaces
+  double shift_px = 0;  // maximum distance of the conditional mean from its replacement [px]
+  double change = 0;    // estimate of the maximum change of a pixel's blended weight
+  // The dimensions have no effect for any query, so the replacement renders bit-identical images.
   bool exact = false;
 };
 
 struct Replacement {
   int dim = 3;
   DimensionEffect effect;
-  std::vector<float> values;  // raw parameters of the layout of `dim`; empty where nothing fits
+  std::vector<float> values;  // raw parameters in the layout of `dim`; empty if the change is too large
 };
 
-// What the views say about one splat: cameras, and its largest blended weight in each (0: not seen).
+// One splat as seen in the views: the cameras, and its maximum blended weight in each view (0: not visible).
 struct SplatViews {
   std::span<const Camera> cameras;
   std::span<const float> weights;
   double eps2d = 0.3;  // blur of the renderer [px^2]
 };
 
-// One for each of smaller_dims. `worst`: where the change is larger, no values are made (they are the costly
-// part). Of a form that Slicer does not know only exact replacements are found.
+// Returns replacements for the entries of smaller_dims. If the change is larger than `worst`, the values are
+// not computed, because that is the expensive part. For variants that Slicer does not support only exact
+// replacements are found.
 std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat, const SplatViews& views,
                                       double worst);
 

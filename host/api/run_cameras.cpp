@@ -18,7 +18,7 @@ std::string file_in_split(const std::string& split, const std::string& view) {
 }
 
 Json number_row(const Camera& c, const Vec3& centre, std::size_t row) {
-  // Axes of a camera in transforms.json: x right, y up, z backward.
+  // Camera axes in transforms.json: x right, y up, z backward.
   return {c.rotation[row], -c.rotation[3 + row], -c.rotation[6 + row], centre[row]};
 }
 

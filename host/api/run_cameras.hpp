@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The folder `cameras` of a run that refined its cameras: a text model of COLMAP and a transforms.json, both
-// of the images as they were trained on (without distortion, reduced), named SPLIT/VIEW.png. The training
-// views have their refined cameras, the test views those that fit the finished model best. An interrupted
-// run has the training views alone.
+// Writes and reads the folder `cameras` of a run that refined its cameras. It contains a text model of COLMAP
+// and a transforms.json. Both describe the images as they were used in training (undistorted and reduced),
+// named SPLIT/VIEW.png. The training views have their refined cameras; the test views have the cameras that
+// fit the finished model best. An interrupted run has only the training views.
 #pragma once
 
 #include <array>
@@ -17,20 +17,21 @@ namespace ubs {
 
 struct RunCameras {
   const Split& split;
-  std::span<const FittedCamera> cameras;  // of its views
+  std::span<const FittedCamera> cameras;  // one per view of the split
 };
 
 // The files that write_run_cameras() writes.
 inline constexpr std::array kRunCameraFiles{"cameras.txt", "images.txt", "points3D.txt", "transforms.json"};
 
-// `offset`: of the cameras in the world.
+// `offset` is that of the cameras: world = local + offset.
 void write_run_cameras(const std::filesystem::path& folder, std::span<const RunCameras> splits,
                        const std::array<double, 3>& offset);
 
-// Views of the training split get the run's cameras, those of others the lenses alone: their poses are given.
-// Views that the run did not have stay as they are.
+// Sets the cameras that the run found. Training views get the run's complete cameras; views of other splits
+// get only the intrinsics, because their given poses are used for evaluation. Views that the run did not have
+// are not changed.
 void use_run_cameras(const std::filesystem::path& folder, Split& split, const std::array<double, 3>& offset);
-// Those that the run has found for all views of a split; empty where it has not all of them.
+// Returns the cameras that the run found for all views of a split; empty if one is missing.
 std::vector<Camera> run_cameras(const std::filesystem::path& folder, const Split& split,
                                 const std::array<double, 3>& offset);
 

@@ -60,7 +60,7 @@ int join_run(Communicator& ranks, Checkpoint& run) {
         fail(ErrorKind::usage, "rank {} has {} than the first rank: all ranks of a job must have the same", r,
              what);
   }
-  std::vector<std::string> devices;  // in the order of ranks
+  std::vector<std::string> devices;  // in the order of the ranks
   for (const std::string& device : ranks.all_texts(run.device))
     if (std::ranges::find(devices, device) == devices.end()) devices.push_back(device);
   const auto kinds = static_cast<int>(devices.size());

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a checkpoint can be continued here with the bits that the run would have had without interruption.
+// Checks whether a checkpoint can be resumed here so that the result is bit-identical to that of an
+// uninterrupted run.
 #pragma once
 
 #include <string>
@@ -10,21 +11,22 @@
 
 namespace ubs {
 
-// What results depend on of a device: its name and driver, vector width and tuned constants.
+// Returns the properties of a device that results depend on: name and driver, vector width and tuned
+// constants.
 std::string device_text(const DeviceInfo& info);
 
-// What a checkpoint of this run says, but for its state. `data`: path, or a name; `data_print`: fingerprint()
-// of the training views as the data give them.
+// Returns a checkpoint of this run without its state. `data`: path, or a name; `data_print`: fingerprint() of
+// the training views as given by the data.
 Checkpoint identity(const TrainSettings& settings, std::string data, std::uint32_t data_print,
                     const Device& device);
 
-// Throws Error(data) where results would not be those of the run without interruption; another build is a
-// warning.
+// Throws Error(data) if the results would differ from those of an uninterrupted run. Only warns if the build
+// differs.
 void check_same_run(const Checkpoint& before, const Checkpoint& now, bool any_device);
 
-// All ranks say what they are about to train: throws Error(usage) on all of them where a rank has another
-// build, other data or other settings. `run` gets the devices of all, how many kinds of which is returned;
-// several are a warning.
+// Compares what all ranks are about to train. Throws Error(usage) on all ranks if a rank has another build,
+// other data or other settings. Stores the devices of all ranks in `run` and returns the number of different
+// devices; warns if there are several.
 int join_run(Communicator& ranks, Checkpoint& run);
 
 }  // namespace ubs

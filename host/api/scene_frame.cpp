@@ -11,17 +11,18 @@ namespace ubs {
 namespace {
 
 constexpr double kFov = 0.87;
-constexpr double kUnlevel = 1e-3;  // variance of a level hand, of the sine of its angle
+constexpr double kUnlevel = 1e-3;  // variance of the sine of the roll angle of a hand-held camera
 constexpr int kPowerSteps = 4;
-constexpr double kFloorRatio = 3;  // lego on its plate: 5; a standing figure, a street: below 2
-// Without cameras: splats farther from the median than so many times the median distance are strays, or the
-// surroundings of what was photographed. A uniform ball needs 1.26, a figure with seven eighths of its splats
-// in its upper half 5.2.
+// Minimum for a floor; lego on its plate: 5; a standing figure, a street: below 2
+constexpr double kFloorRatio = 3;
+// Without cameras: splats farther from the median than this multiple of the median distance are stray splats,
+// or the surroundings of the photographed object. A uniform ball needs 1.26; a figure with seven eighths of
+// its splats in its upper half needs 5.2.
 constexpr double kBulk = 6;
-constexpr double kShown = 0.995,
-                 kMargin = 1.05;               // share of the opacity that fits, with this much room around
-constexpr int kAzimuths = 12;                  // from which it has to fit
-constexpr std::size_t kEnoughSplats = 100000;  // medians of more do not change what is seen
+// Share of the opacity that must fit into the image, and the margin around it.
+constexpr double kShown = 0.995, kMargin = 1.05;
+constexpr int kAzimuths = 12;                  // number of directions from which it must fit
+constexpr std::size_t kEnoughSplats = 100000;  // more splats do not change the medians visibly
 
 struct Splat {
   Vec3 at;
@@ -49,20 +50,22 @@ double weighted(const std::vector<Splat>& splats, double q, Value value) {
   return weighted_quantile(std::move(pairs), q);
 }
 
-// Not at right angles to any view: around a scene the cameras' forward directions may cancel, and up does
-// not.
+// Returns the mean up direction of the cameras. It averages the up axes and does not make the result
+// perpendicular to a mean forward direction, because the forward directions of cameras around a scene may
+// cancel.
 Vec3 mean_up(std::span<const Camera> cameras) {
   Vec3 up{};
   for (const Camera& c : cameras) up = up - camera_axis(c, 1);
   up = normalised(up, -1.0 * camera_axis(cameras[0], 1));
-  // Few cameras that stand unevenly lean to one side. Most are held level: up is at right angles to what is
-  // right for all of them, an eigenvector of the least eigenvalue. Where all look one way the mean decides.
+  // A few unevenly placed cameras would tilt the mean. Most cameras are held level, so up is perpendicular to
+  // the right axes of all cameras: an eigenvector of the smallest eigenvalue. If all cameras look in the same
+  // direction, this is ambiguous and the mean decides.
   std::array<Vec3, 3> a{Vec3{kUnlevel, 0, 0}, Vec3{0, kUnlevel, 0}, Vec3{0, 0, kUnlevel}};
   for (const Camera& c : cameras) {
     const Vec3 right = camera_axis(c, 0);
     for (std::size_t r = 0; r < 3; ++r) a[r] = a[r] + right[r] / static_cast<double>(cameras.size()) * right;
   }
-  for (int k = 0; k < kPowerSteps; ++k)  // by the inverse, but for its determinant
+  for (int k = 0; k < kPowerSteps; ++k)  // multiplies by the inverse, except for its determinant
     up = normalised(up[0] * cross(a[1], a[2]) + up[1] * cross(a[2], a[0]) + up[2] * cross(a[0], a[1]), up);
   return up;
 }
@@ -85,7 +88,7 @@ double mean_spread(std::span<const Camera> cameras, const Pose& mean) {
   return weighted_quantile(std::move(distances), 0.75);
 }
 
-// Of the splats that the pose sees in the middle of its picture.
+// Returns the median depth of the splats that the pose sees in the middle of its image.
 double focus_depth(const std::vector<Splat>& splats, const Pose& pose, double otherwise) {
   std::vector<std::pair<double, double>> depths;
   const double slope = std::tan(kFov / 2);
@@ -99,7 +102,7 @@ double focus_depth(const std::vector<Splat>& splats, const Pose& pose, double ot
   return depth > 0 ? depth : otherwise;
 }
 
-// Values after time, of the group that has the most of them.
+// Returns typical values of the queries after time, for the group that has the most of them.
 std::vector<double> typical_extra(const MixedModel& model) {
   std::vector<double> extra;
   for (const SplatModel& group : model.groups) {
@@ -124,7 +127,7 @@ Vec3 median_point(const std::vector<Splat>& splats) {
   return middle;
 }
 
-// The splats that a first look should show.
+// Returns the splats that the first view of a model should show.
 std::vector<Splat> bulk_of(const std::vector<Splat>& splats) {
   const Vec3 middle = median_point(splats);
   const double half = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - middle); });
@@ -134,7 +137,7 @@ std::vector<Splat> bulk_of(const std::vector<Splat>& splats) {
   return bulk;
 }
 
-// Half way between the ends along each axis: a median lies nearer to the denser end.
+// Returns the point halfway between the ends along each axis; a median would be nearer to the denser end.
 Vec3 middle_of(const std::vector<Splat>& splats) {
   Vec3 middle{};
   for (std::size_t k = 0; k < 3; ++k) {
@@ -144,8 +147,9 @@ Vec3 middle_of(const std::vector<Splat>& splats) {
   return middle;
 }
 
-// From all around, at the frame's elevation. A splat at (x, y, z) of a camera in the centre is inside of the
-// picture of one that is moved back by d where |x|, |y| <= (z + d) tan(fov / 2).
+// Returns the distance from which the splats fit into the image from all sides, at the frame's elevation. If
+// a camera in the centre sees a splat at (x, y, z), a camera moved back by d sees it inside of its image if
+// |x|, |y| <= (z + d) tan(fov / 2).
 double showing_distance(const std::vector<Splat>& splats, const SceneFrame& frame, double fov) {
   const double slope = std::tan(fov / 2) / kMargin;
   const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);
@@ -218,7 +222,8 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
   std::vector<Splat> splats = weighted_splats(model);
   if (splats.empty() && cameras.empty())
     fail(ErrorKind::data, "cannot place a camera: the model has no splats, and no data set was given");
-  if (cameras.empty()) splats = bulk_of(splats);  // floaters do not even say what is up
+  // Stray splats would also spoil the estimate of the up direction.
+  if (cameras.empty()) splats = bulk_of(splats);
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;
   frame.around = meeting.has_value();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a camera path or a viewer needs to know of a scene before anybody has looked at it: where its middle
-// is, which way is up, from how far to look. From the cameras of its data where there are any, else from the
-// splats alone. Stray splats and cameras do not move the result far: medians throughout.
+// SceneFrame has what camera paths and viewers need to know about a scene: its centre, its up direction, and
+// the distance to look from. It is estimated from the cameras of the data if there are any, otherwise from
+// the splats alone. Stray splats and cameras have little influence, because all estimates are medians.
 #pragma once
 
 #include <optional>
@@ -16,41 +16,41 @@ namespace ubs {
 struct SceneFrame {
   Vec3 centre{0, 0, 0};
   Vec3 up{0, 0, 1};           // unit length
-  double size = 1;            // half of the splats by opacity are nearer to the centre, > 0
+  double size = 1;            // median distance of the splats from the centre, weighted by opacity, > 0
   double distance = 4;        // of a camera from the centre, > 0
   double elevation = 0;       // of a camera above the plane through the centre [rad]
   Vec3 start{1, 0, 0};        // direction in that plane from the centre to the first camera, unit length
   Pose mean;                  // the mean of the cameras, for paths of forward-facing scenes
-  double focus = 4;           // depth at which that pose finds the scene, > 0
-  double spread = 0.5;        // how far the cameras lie around the mean pose: a radius, > 0
+  double focus = 4;           // depth of the scene as seen from that pose, > 0
+  double spread = 0.5;        // radius within which the cameras are around the mean pose, > 0
   bool around = false;        // the cameras look at one point from many sides
-  std::vector<double> extra;  // query values after time, when no camera states them
+  std::vector<double> extra;  // values of the queries after time, for cameras that do not state them
 };
 
-// What the user knows better; anything unset is estimated.
+// Values that the user states; unset ones are estimated.
 struct FrameHints {
   std::optional<Vec3> centre, up;
   std::optional<double> distance, elevation;  // [scene units], [rad]
-  Vec3 up_without_floor{0, 0, 1};  // upwards where neither cameras nor a floor among the splats tell
-  std::optional<double> fov;       // the smaller angle of the pictures to come [rad]; 0.87 (50 degrees)
+  Vec3 up_without_floor{0, 0, 1};  // used if neither cameras nor a floor among the splats determine it
+  std::optional<double> fov;       // smaller angle of view of the images to render [rad]; 0.87 (50 degrees)
 };
 
-// `cameras` may be empty: then up is the axis that points away from a floor (a quarter of the opacity in a
-// layer at most a third as thick as that of the quarter at the other end), and centre and distance are such
-// that 99.5 % of the opacity near the middle is in the picture from all around; far strays and surroundings
-// are not looked at. Throws Error(data) when there are neither cameras nor splats to go by.
+// `cameras` may be empty. Then up is the axis that points away from a floor: a quarter of the opacity is in a
+// layer at most a third as thick as the layer with the quarter at the other end. Centre and distance are
+// chosen so that images from all sides show 99.5 % of the opacity near the middle; distant stray splats and
+// surroundings are ignored. Throws Error(data) if there are neither cameras nor splats.
 SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
                        const FrameHints& hints = {});
 
-// Cameras that a model notes, which say their times alone: with values of the other queries that are typical
-// of its splats.
+// Completes the cameras that a model file lists, which state only their times: sets the other query values to
+// values that are typical of the model's splats.
 std::vector<Camera> noted_cameras(const MixedModel& model, std::vector<Camera> cameras);
 
-// At the start of an orbit, looking at the centre.
+// Returns the pose at the start of an orbit, looking at the centre.
 Pose orbit_start(const SceneFrame& frame);
 
-// The smallest value such that values up to it have at least the share q (0 to 1) of the weight; weights are
-// not negative. 0 without weight.
+// Returns the smallest value for which all values up to it have at least the share q (0 to 1) of the total
+// weight. Weights must not be negative. Returns 0 if there is no weight.
 double weighted_quantile(std::vector<std::pair<double, double>> value_weight, double q);
 
 }  // namespace ubs

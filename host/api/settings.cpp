@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Settings by name.
+// This file implements the C interface for settings, which are accessed by name.
 #include "host/scene/settings.hpp"
 
 #include "host/api/handles.hpp"

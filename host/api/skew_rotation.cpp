@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// See skew_rotation.hpp. With K = R diag(s) and B(omega) = I + omega omega^T - [omega]_x, which is
-// (1 + |omega|^2) (I + A)^-1, the covariance has the wanted form where the rows of G = B K are
-// orthogonal. Levenberg-Marquardt on the three cosines between the rows, from several starts; where none
-// leads to zero, the compromise with the least -ln det of the cosines' matrix.
+// See skew_rotation.hpp. With K = R diag(s) and B(omega) = I + omega omega^T - [omega]_x, which is (1 +
+// |omega|^2) (I + A)^-1, the covariance has the required form if the rows of G = B K are orthogonal. The
+// Levenberg-Marquardt method minimises the three cosines between the rows, from several starting points. If
+// none of them reaches zero, the compromise with the smallest -ln det of the matrix of cosines is used.
 #include "host/api/skew_rotation.hpp"
 
 #include <algorithm>
@@ -18,12 +18,12 @@ namespace {
 
 using Mat3 = std::array<Vec3, 3>;  // rows
 
-constexpr double kSolved = 1e-9;  // cosine; far below the float32 of the file
-constexpr int kRelabelled = 12;   // starts from relabelled axes, nearest rotation first
-constexpr int kRandom = 24;       // random starts after them
+constexpr double kSolved = 1e-9;  // maximum cosine; far below the precision of float32
+constexpr int kRelabelled = 12;   // number of starts with relabelled axes, nearest rotation first
+constexpr int kRandom = 24;       // number of random starts after them
 constexpr int kIterations = 60;
 constexpr double kExactBarrier = 1e-12;
-constexpr std::size_t kCompromises = 10;  // best places from which a compromise is sought
+constexpr std::size_t kCompromises = 10;  // number of best points from which a compromise is searched
 
 Mat3 product(const Mat3& a, const Mat3& b) {
   Mat3 c{};
@@ -49,7 +49,7 @@ Mat3 inverse_form(const Vec3& w) {
   return b;
 }
 
-// dB / d omega_k.
+// Returns dB / d omega_k.
 Mat3 inverse_form_derivative(const Vec3& w, std::size_t k) {
   Vec3 e{};
   e[k] = 1;
@@ -84,7 +84,7 @@ Mat3 jacobian(const Mat3& k, const Vec3& w, const Mat3& g, const Vec3& r) {
   return j;
 }
 
-// Cramer's rule; false for a singular matrix.
+// Solves with Cramer's rule. Returns false for a singular matrix.
 bool solve(const Mat3& m, const Vec3& y, Vec3& x) {
   const auto det = [](const Mat3& a) {
     return a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1]) -
@@ -101,7 +101,7 @@ bool solve(const Mat3& m, const Vec3& y, Vec3& x) {
   return true;
 }
 
-// Improves omega; returns the largest cosine left.
+// Improves omega and returns the largest remaining cosine.
 double minimise(const Mat3& k, Vec3& w) {
   double lambda = 1e-3;
   Mat3 g = product(inverse_form(w), k);
@@ -130,9 +130,9 @@ double minimise(const Mat3& k, Vec3& w) {
   return std::max({std::abs(r[0]), std::abs(r[1]), std::abs(r[2])});
 }
 
-// The correlations that remain between the axes, C, and what they make of the best scales. With
-// s_i^2 = D_ii / sqrt((C^-1)_ii) (up to the common factor) errors to both sides are balanced: D_ii alone
-// would never be too thin but arbitrarily fat, 1 / (D^-1)_ii the reverse.
+// The remaining correlations between the axes, C, and the best scales for them. s_i^2 = D_ii /
+// sqrt((C^-1)_ii) (up to the common factor) balances errors in both directions: with D_ii alone the ellipsoid
+// would never be too thin, but could be arbitrarily thick; with 1 / (D^-1)_ii the opposite is true.
 struct Misfit {
   double barrier = std::numeric_limits<double>::infinity();  // -ln det C: 0 for an exact fit
   double error = std::numeric_limits<double>::infinity();    // |W' W^-1 - I|
@@ -159,13 +159,14 @@ struct Misfit {
 };
 
 double barrier_at(const Mat3& k, const Vec3& w) {
-  // A huge omega is numerically the limit of a plane: its s are tiny and useless in float32.
+  // A very large omega is numerically a degenerate plane: its scales are too small to be useful in float32.
   if (!(dot(w, w) < 1e6)) return std::numeric_limits<double>::infinity();
   return Misfit(cosines(product(inverse_form(w), k))).barrier;
 }
 
-// Nelder and Mead's simplex: for the few covariances without an exact form the cosines have no zero, and
-// their squares prefer hopeless corners to balanced compromises.
+// Minimises the barrier with the simplex method of Nelder and Mead. A few covariances have no exact form. For
+// them the cosines have no zero, and minimising the squares of the cosines can end in points that are worse
+// than a balanced compromise.
 double minimise_barrier(const Mat3& k, Vec3& w) {
   struct Corner {
     double value;
@@ -211,7 +212,7 @@ double minimise_barrier(const Mat3& k, Vec3& w) {
   return best.value;
 }
 
-// axis * tan(angle) of the rotations with relabelled axes, smallest angles first, below 85 degrees.
+// Returns axis * tan(angle) of the rotations with relabelled axes, smallest angles first, below 85 degrees.
 std::vector<Vec3> relabelled_starts(const Mat3& rotation) {
   struct Start {
     double cosine;
@@ -243,7 +244,7 @@ std::vector<Vec3> relabelled_starts(const Mat3& rotation) {
 }  // namespace
 
 SkewFactors fit_skew_rotation(const std::array<double, 4>& rotation, const std::array<double, 3>& scale) {
-  const double unit = *std::ranges::max_element(scale);  // works on numbers around 1
+  const double unit = *std::ranges::max_element(scale);  // so that the computation uses numbers around 1
   const Mat3 matrix = rotation_matrix(rotation);
   Mat3 k = matrix;
   for (Vec3& row : k)

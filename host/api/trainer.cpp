@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training.
+// This file implements the C interface for training.
 #include "host/train/trainer.hpp"
 
 #include <algorithm>
@@ -18,9 +18,9 @@ struct ubs_trainer {
   std::shared_ptr<ubs::facade::OpenDevice> open;
   std::shared_ptr<ubs::Dataset> set;
   ubs::TrainSettings settings;
-  ubs::Split train, test;    // in the unit of training
-  ubs::LoadedModel about;    // offset of its models
-  ubs::Checkpoint identity;  // without state
+  ubs::Split train, test;    // lengths in the unit of training
+  ubs::LoadedModel about;    // offset of the trainer's models
+  ubs::Checkpoint identity;  // without the state
   std::optional<ubs::Trainer> trainer;
   bool running = false;
 };
@@ -30,7 +30,7 @@ namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-// The test views with an image.
+// Returns the test views that have an image.
 Split test_views(const Dataset& set, const TrainSettings& settings) {
   const Split* split = set.find("test");
   if (!split) return {"test", {}};
@@ -40,10 +40,11 @@ Split test_views(const Dataset& set, const TrainSettings& settings) {
   return test;
 }
 
-// The data have been read: what would read them otherwise comes too late.
+// Throws if a setting would read the data in another way: they have been read already, so it would have no
+// effect.
 void check_as_opened(TrainSettings settings, const ubs_data& data) {
   TrainSettings opened = data.settings;
-  opened.background.automatic = false;  // black is behind transparent pixels
+  opened.background.automatic = false;  // transparent pixels were composited on black
   const bool composited = std::ranges::any_of(data.set->splits, [](const Split& split) {
     return std::ranges::any_of(split.views, [](const View& v) { return v.has_image() && !v.opaque; });
   });
@@ -72,7 +73,7 @@ SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Sp
   for (const float value : model.values)
     if (!std::isfinite(value))
       fail(ErrorKind::usage, "the initial model contains values that are not finite");
-  check_initial(settings, model);  // before kernels are tried with the model
+  check_initial(settings, model);  // before kernels are run with the model
   SplatModel first = model;
   scale_lengths(first, 1 / settings.unit);
   return first;
@@ -102,7 +103,7 @@ ubs_step step_of(const ubs_trainer& t, const StepReport& report) {
   return step;
 }
 
-// The step function of a run may look at the trainer, not change it.
+// Throws if the trainer is running: its step callback may read the trainer, but not change it.
 void not_while_running(const ubs_trainer& t) {
   if (t.running) fail(ErrorKind::usage, "the trainer is running: its step callback may only read it");
 }

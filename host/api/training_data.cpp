@@ -23,7 +23,7 @@
 namespace ubs {
 namespace {
 
-// Every n-th: where the points are dense they stay dense.
+// Returns at most `most` points, evenly chosen in their order, so that dense regions stay dense.
 PointCloud thinned(PointCloud points, std::size_t most) {
   const std::size_t all = points.positions.size();
   if (all <= most) return points;
@@ -36,8 +36,9 @@ PointCloud thinned(PointCloud points, std::size_t most) {
   return points;
 }
 
-// Takes away what lies before a camera's nose, where it would fill the picture: what one camera sees behind
-// the scene is near to the one on the other side. Unless that is nearly everything.
+// Removes points closer than `room` to any camera, because they would cover its image: a point behind the
+// scene for one camera can be just in front of a camera on the other side. Keeps all points if this would
+// remove three quarters of them or more.
 void leave_room(PointCloud& cloud, std::span<const View> views, double room) {
   PointCloud kept;
   for (std::size_t i = 0; i < cloud.positions.size(); ++i) {
@@ -71,11 +72,12 @@ void note_cap(Dataset& data, const TrainSettings& settings) {
 }
 
 struct Look {
-  bool lone_object = false;  // the outermost pixels are of one colour almost everywhere, as of a rendering
-  std::array<double, 3> mean_colour{};  // 0 to 1; two digits
+  // Almost all border pixels have the same colour, as in renderings of a single object.
+  bool lone_object = false;
+  std::array<double, 3> mean_colour{};  // 0 to 1, rounded to two digits
 };
 
-// At a few of the training pictures; pixels that masks leave out do not count.
+// Examines a few of the training images. Masked pixels do not count.
 Look look_at(const Split& train) {
   constexpr std::size_t kPictures = 8;
   constexpr double kPlain = 0.9;
@@ -111,8 +113,8 @@ InitialSpace space_for(const Split& train) {
   return initial_space(cameras_of(train), look_at(train).lone_object);
 }
 
-// Unless the first splats are stated: points that the pictures of a still scene show, beside those of the
-// data (docs/results/2026-11-22-placed-points.md).
+// Adds points that the images of a still scene show to those of the data, unless the user set the initial
+// splats (docs/results/2026-11-22-placed-points.md).
 void place_points(Dataset& data, const Split& train, const TrainSettings& settings) {
   constexpr std::size_t kMinCorners = 500;
   constexpr double kPixelsAPoint = 4, kMaxPlaced = 75'000;
@@ -133,7 +135,7 @@ bool still(const Split& train) {
                              [&](const View& v) { return v.camera.time == train.views[0].camera.time; });
 }
 
-// Cameras that are to be refined begin where the corners of the pictures put them.
+// Aligns cameras that will be refined, using corners in the images.
 void align(Dataset& data, Split& train) {
   require_images(train);
   const Alignment found = align_cameras(train.views);
@@ -149,7 +151,7 @@ void align(Dataset& data, Split& train) {
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
-// The depth d of docs/method.md 4.4.
+// Returns the depth d of docs/method.md 4.4.
 double typical_depth(const Dataset& data, const Split& train) {
   const std::vector<Camera> cameras = cameras_of(train);
   if (const auto depth = data.points ? median_depth(cameras, *data.points) : std::nullopt) return *depth;
@@ -171,7 +173,7 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
   } else if (settings.unit != 1 && !free) {
     fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
   }
-  validate(settings);  // planes that are set are lengths of the data
+  validate(settings);  // also checks near and far plane, which are lengths of the data
 }
 
 bool has_wide_images(const Split& train) {
@@ -203,7 +205,7 @@ void settle_background(Dataset& data, const Split& train, TrainSettings& setting
                                                 : ""));
 }
 
-// Said once, before training; also for the choices of others.
+// Adds a note about where the splats start.
 void describe_start(Dataset& data, const Split& train, const TrainSettings& settings) {
   std::string where = data.depth_bounds.size() == train.views.size()
                           ? "within the depth range given by the data"
@@ -216,8 +218,8 @@ void describe_start(Dataset& data, const Split& train, const TrainSettings& sett
 
 }  // namespace
 
-// Fewer for small pictures: what a picture cannot show, it cannot place. 100 000 as published from 548 x 548
-// on.
+// Small images get fewer splats, because they cannot determine the positions of many. Images of 548 x 548
+// pixels and more get 100 000, as published.
 int random_points(const Split& train, const TrainSettings& settings) {
   if (settings.init_points != kAutoInt) return settings.init_points;
   return static_cast<int>(std::clamp(median_pixels(train) / 3, 100.0, 1e5));
@@ -252,7 +254,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
   if (settings.dim == kAutoInt) {
     const DimChoice choice = choose_dim(train.views);
     settings.dim = choice.dim;
-    // Better by 0.5 to 2.4 dB on five scenes that move (docs/results/2026-11-22-direct.md).
+    // Improves the PSNR by 0.5 to 2.4 dB on five dynamic scenes (docs/results/2026-11-22-direct.md).
     const bool direct =
         settings.conditioning_auto && has_time(choice.dim) && settings.variant == ModelVariant{};
     if (direct) settings.variant.conditioning = Conditioning::direct;
@@ -343,9 +345,9 @@ SplatModel initial_model(const Dataset& data, const Split& train, const TrainSet
     init.box = space.half;
     return initialise_random(s.dim, points, s.seed, init);
   }
-  constexpr std::size_t kViews = 256;  // their pictures are decoded
+  constexpr std::size_t kViews = 256;  // their images are decoded
   const std::size_t step = train.views.size() / kViews + 1;
-  std::vector<View> some;  // pixels and all, where not every one is taken
+  std::vector<View> some;  // copies with their pixels, used only if not all views are needed
   for (std::size_t v = 0; step > 1 && v < train.views.size(); v += step) some.push_back(train.views[v]);
   const std::span<const View> views = step > 1 ? some : train.views;
   const std::vector<std::array<double, 2>> bounds(views.size(), {space.near, space.far});

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF) draws views into files of pictures, and no videos.
+// This file replaces functions in a build without OpenCV (UBS_OPENCV=OFF). Such a build can render views to
+// image files, but cannot write videos.
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"

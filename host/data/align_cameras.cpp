@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// See align_cameras.hpp. Levenberg-Marquardt in all poses and points. A point is seen by few cameras and
-// enters the equations of these alone, so that it is eliminated: what remains are equations of the poses
-// (Schur complement).
+// See align_cameras.hpp. Bundle adjustment with the Levenberg-Marquardt method: it moves all poses and all
+// points together. Only a few cameras see each point, and only their poses appear in its equations. So each
+// point is eliminated first (Schur complement), and the remaining equations contain only the poses.
 #include "host/data/align_cameras.hpp"
 
 #include <algorithm>
@@ -15,20 +15,24 @@
 namespace ubs {
 namespace {
 
-constexpr std::array<double, 4> kBands{0.02, 0.008, 0.003,
-                                       0.003};  // of the width searched, from epipolar lines
-constexpr double kRobust = 1;                   // [px] beyond which residuals count less (Cauchy)
-constexpr double kOff = 4;                      // [px]: what is farther off at last is no match
-constexpr double kPriorAngle = 5e-3;  // deviation of given poses: turns, and shifts as seen in the picture
+// Half widths of the search band around an epipolar line in each round, as shares of the image width.
+constexpr std::array<double, 4> kBands{0.02, 0.008, 0.003, 0.003};
+constexpr double kRobust = 1;  // [px] residuals beyond this count less (Cauchy loss)
+// [px] after adjustment, a match with a larger error is discarded
+constexpr double kOff = 4;
+// Standard deviation of the given poses [rad]: of their rotation, and of their translation as an angle seen
+// in the image.
+constexpr double kPriorAngle = 5e-3;
 constexpr int kSteps = 30;
-constexpr double kSettled = 1e-4;  // gain of a step
+constexpr double kSettled = 1e-4;  // stop when a step lowers the cost by less than this share
 constexpr std::size_t kMatchedWith = 12, kMinSights = 3;
-constexpr std::size_t kMinSeen = 24;  // corners of a picture that is aligned
+// A camera is aligned only if its image shows this many corners of tracks
+constexpr std::size_t kMinSeen = 24;
 
 using Row6 = cv::Matx<double, 2, 6>;
 using Row3 = cv::Matx<double, 2, 3>;
 
-struct Sight {  // of a point
+struct Sight {  // one observation of a point
   std::size_t view;
   Pixel at;
 };
@@ -37,7 +41,7 @@ struct Track {
   std::vector<Sight> seen;
 };
 
-// Where rays meet, in least squares; before all of its cameras.
+// Triangulates the point of a track by least squares. Returns whether it lies in front of all its cameras.
 bool place(Track& track, std::span<const Camera> cameras) {
   cv::Matx33d sum = cv::Matx33d::zeros();
   cv::Vec3d right(0, 0, 0);
@@ -101,7 +105,8 @@ class Adjustment {
     return cost;
   }
 
-  // Derivatives of a pixel by the six moves of its camera (camera_motion.hpp) and by its point.
+  // Computes the derivatives of a pixel with respect to the six moves of its camera (camera_motion.hpp) and
+  // with respect to its point.
   static bool linearise(const Camera& c, double depth, const Vec3& point, Pixel& at, Row6& by_pose,
                         Row3& by_point) {
     const Vec3 p = in_camera(c, point);
@@ -120,7 +125,7 @@ class Adjustment {
   bool move(std::vector<Camera>& cameras, std::vector<Track>& tracks, double damping) const {
     const int size = 6 * static_cast<int>(cameras.size());
     cv::Mat_<double> matrix(size, size, 0.0), right(size, 1, 0.0);
-    // Of a pair of cameras, in the upper half.
+    // Adds the block of a pair of cameras to the upper half of the matrix.
     const auto block = [&](std::size_t i, std::size_t j, const cv::Matx66d& values) {
       for (int r = 0; r < 6; ++r) {
         double* const to = matrix[static_cast<int>(6 * i) + r] + 6 * j;
@@ -255,7 +260,8 @@ std::vector<Track> find_tracks(std::span<const Corners> corners,
       found[joined.of(first[v] + k)].seen.push_back({v, corners[v].at[k]});
   std::vector<Track> tracks;
   for (auto& [root, track] : found) {
-    const auto same = std::ranges::adjacent_find(track.seen, {}, &Sight::view);  // two corners of a picture
+    // A track with two corners in the same image is wrong.
+    const auto same = std::ranges::adjacent_find(track.seen, {}, &Sight::view);
     if (track.seen.size() >= kMinSights && same == track.seen.end() && place(track, cameras))
       tracks.push_back(std::move(track));
   }

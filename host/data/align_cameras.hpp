@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses that are nearly right, from corners that several pictures of a still scene show (bundle adjustment).
+// align_cameras() corrects slightly wrong camera poses. It uses corners (SIFT keypoints) that several images
+// of a still scene show (bundle adjustment).
 #pragma once
 
 #include <cstddef>
@@ -11,18 +12,20 @@
 namespace ubs {
 
 struct Alignment {
-  std::vector<Camera> cameras;  // by view; given ones where a picture has too few corners
+  // One per view. A view whose image has too few corners keeps its given camera.
+  std::vector<Camera> cameras;
   std::size_t points = 0, aligned = 0;
-  double before = 0, after = 0;  // [px] between corners and their points, medians
+  double before = 0, after = 0;  // [px] median distance between corners and their projected points
 };
 
-// Its time grows with the cube of the views, and it takes half a GiB for this many.
+// The running time grows with the cube of the number of views; this many need half a GiB of memory.
 inline constexpr std::size_t kMaxAlignedViews = 300;
 
-// Corners (SIFT) are matched between neighbours along the lines that the cameras prescribe, in a band that
-// narrows with the error. Points and poses then move together until the points are where the corners are
-// (method.md 4.10). Nothing is aligned where pictures have no texture, of more than kMaxAlignedViews, and in
-// a build without OpenCV. The same cameras at every call.
+// Finds SIFT corners and matches them between neighbouring views along the epipolar lines of the given
+// cameras. The search band around these lines gets narrower as the error gets smaller. Points and poses are
+// then adjusted together until the points project to their corners (method.md 4.10). The given cameras are
+// returned unchanged if the images have no texture, if there are more than kMaxAlignedViews, or in a build
+// without OpenCV. Deterministic: repeated calls return the same cameras.
 Alignment align_cameras(std::span<const View> views);
 
 }  // namespace ubs

@@ -64,7 +64,8 @@ struct PendingView {
   fs::path image;
 };
 
-// Fields that nerfstudio folders have: here they would be ignored.
+// Throws if the file has distortion coefficients. nerfstudio folders have them; this loader would ignore
+// them.
 void refuse_distortion(const Node& frame, const Node& file) {
   for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0); value != 0)
@@ -74,7 +75,7 @@ void refuse_distortion(const Node& frame, const Node& file) {
            frame.where, key, value);
 }
 
-// Decides the size of the view and, where the file exists, reads the pixels.
+// Determines the size of the view and reads the pixels if the image file exists.
 void complete_view(PendingView& pending, const Node& file, const DatasetOptions& options, bool lazy) {
   const bool exists = !pending.image.empty();
   const std::optional<ImageSize> stated = stated_size(pending.frame, file, pending.image);
@@ -84,7 +85,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
     const ImageInfo info = image_file_info(pending.image);
     view.file = pending.image;
     original = info.size;
-    LoadReport notes;  // every reduced image would give the same one; the layout rescales as a rule
+    // Discarded: every reduced image would give the same note, and rescaling is normal in this layout.
+    LoadReport notes;
     if (stated) check_image_size(original, *stated, pending.image.string(), notes);
     view.opaque = info.opaque;
   } else if (stated) {
@@ -110,8 +112,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
   view.source.reset();
 }
 
-// Finds the images of a split. Where some are not at their exact places the images of all splits are looked
-// for together, so that r_0 of a split without images is not taken for r_0 of another one.
+// Finds the images of a split. If some are not at their exact paths, the images of all splits are searched
+// for together. Otherwise r_0 of a split without images could be mistaken for r_0 of another split.
 std::vector<fs::path> find_images(NamedFiles& files, const DataRoot& root, const fs::path& folder,
                                   const std::string& split, std::vector<StatedName> names) {
   const std::size_t count = names.size();
@@ -142,7 +144,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   const std::string path = transforms_path(folder, split).string();
   const Json json = parse_file(root.check(path));
   const Node file{json, path};
-  // Without a train file there is nothing to agree with: the split's own range is the best guess.
+  // Without a train file, the range of the split's own file is the best guess.
   const bool other = split != "train" && has_blender_split(folder, "train");
   const TimeRange times = other ? time_range(parse_file(root.check(transforms_path(folder, "train"))),
                                              transforms_path(folder, "train").string())
@@ -155,7 +157,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
   }
   NamedFiles files(root, folder);
   const std::vector<fs::path> images = find_images(files, root, folder, split, names);
-  // Without a report, and for cameras alone, views may be without images.
+  // If there is no report, or if only cameras are wanted, views may be without images.
   const bool needs_images = report && options.load_images;
   const auto absent = std::ranges::find_if(images, [](const fs::path& image) { return image.empty(); });
   if (needs_images && absent != images.end()) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See colmap.hpp. Lens models, and the binary files.
+// See colmap.hpp. This file creates lens models and reads the binary files.
 #include "host/data/colmap.hpp"
 
 #include <algorithm>
@@ -51,7 +51,7 @@ void read_binary_images(const fs::path& path, ColmapModel& model) {
   const std::size_t count = in.read_count<std::uint64_t>(73, "images");
   for (std::size_t i = 0; i < count; ++i) {
     ColmapImage image;
-    in.skip(sizeof(std::uint32_t));  // the number of the image
+    in.skip(sizeof(std::uint32_t));  // number of the image
     for (double& q : image.rotation) q = in.read<double>();
     for (double& t : image.translation) t = in.read<double>();
     image.camera = in.read<std::uint32_t>();
@@ -70,7 +70,7 @@ void read_binary_points(const fs::path& path, ColmapModel& model) {
   for (std::size_t i = 0; i < count; ++i) {
     std::array<double, 3> position{};
     std::array<std::uint8_t, 3> colour{};
-    in.skip(sizeof(std::uint64_t));  // the number of the point
+    in.skip(sizeof(std::uint64_t));  // number of the point
     for (double& c : position) c = in.read<double>();
     for (std::uint8_t& c : colour) c = in.read<std::uint8_t>();
     in.skip(sizeof(double));  // reprojection error
@@ -134,7 +134,8 @@ void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& 
   bool finite = true;
   for (const double q : image.rotation) norm += q * q, finite = finite && std::isfinite(q);
   for (const double t : image.translation) finite = finite && std::isfinite(t);
-  // A mapper writes these for an image that it could not place, or a camera that it could not determine.
+  // COLMAP's mapper writes values that are not finite for an image that it could not register, or for a
+  // camera that it could not calibrate.
   if (!finite || model.unusable.contains(image.camera)) {
     model.unplaced.push_back(image.name);
     return;

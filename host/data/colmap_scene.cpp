@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A COLMAP folder as a data set: sparse model + folder of images (+ masks), split by name.
+// load_colmap() loads a COLMAP folder as a data set: sparse model, image folder and optional masks. The views
+// are split into train and test by name.
 
 #include <fmt/ranges.h>
 
@@ -55,14 +56,15 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
     scene.report.note_difference("colours of points3D.txt from 0 to 1, read as 0 to 255");
 
   describe_cameras(model, scene.report);
-  // Beside the model when there is no such folder, as `ubs cameras` leaves photographs where they are.
+  // Without a folder `images`, look for the images next to the model: `ubs cameras` does not move the
+  // photographs.
   const bool beside = !is_folder(folder / "images") && path_exists(folder / model.images.front().name);
   const std::string image_folder = options.read.images != "auto" ? options.read.images
                                    : beside                      ? "."
                                                                  : "images";
   const fs::path base = folder / image_folder;
   const bool have_folder = is_folder(base);
-  const bool stated_folder = options.read.images != "auto";  // the user's word
+  const bool stated_folder = options.read.images != "auto";  // named by the user
   if (options.load_images && !have_folder && stated_folder)
     fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
   if (stated_folder) root.add(base);
@@ -81,7 +83,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<fs::path> mask_files = files.find_masks(names);
 
   std::vector<View> views;
-  std::vector<std::size_t> counts;  // of views of each image
+  std::vector<std::size_t> counts;  // number of views of each image
   std::size_t masks = 0;
   for (std::size_t i = 0; i < names.size(); ++i) {
     const ColmapImage& image = model.images[i];
@@ -104,7 +106,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
   settle_image_names(views, counts);
   scene.splits = split_every(std::move(views), options.read.test_every);
-  const fs::path ply = model_folder / "points3D.ply";  // some tools leave this in the place of points3D.bin
+  const fs::path ply = model_folder / "points3D.ply";  // some tools write this file instead of points3D.bin
   if (!model.points.positions.empty())
     scene.points = std::move(model.points);
   else if (path_exists(ply))

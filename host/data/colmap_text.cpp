@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The text files of COLMAP: one record a line, '#' starts a comment line, and in images.txt every second
-// line holds observations (it may be empty). Messages name file:line.
+// This file reads COLMAP's text files. They have one record per line, and lines that start with '#' are
+// comments. In images.txt every second line holds observations and may be empty. Error messages name file and
+// line.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -19,7 +20,8 @@ class LineReader {
  public:
   explicit LineReader(const fs::path& path) : name_(path.string()), text_(read_text_file(path)) {}
 
-  // The next line that is no comment; false at the end. Empty lines count only where `keep_empty`.
+  // Reads the next line that is not a comment; returns false at the end. Skips empty lines unless
+  // `keep_empty` is set.
   bool next(bool keep_empty = false) {
     while (at_ < text_.size()) {
       const std::size_t end = std::min(text_.find('\n', at_), text_.size());
@@ -47,14 +49,14 @@ class LineReader {
     return found;
   }
 
-  // The rest of the line: file names may hold blanks.
+  // Returns the rest of the line, because file names may contain blanks.
   std::string rest(const char* what) {
     const std::size_t first = line_.find_first_not_of(" \t");
     if (first == std::string_view::npos) fail(ErrorKind::data, "{}: {} is missing", where(), what);
     return std::string(line_.substr(first, line_.find_last_not_of(" \t") + 1 - first));
   }
 
-  // Floating-point numbers must be finite unless the caller deals with others.
+  // Reads a number. Floating-point numbers must be finite unless the caller handles other values.
   template <typename T>
   T number(const char* what, bool finite_or_not = false) {
     const std::string_view text = word(what);
@@ -67,15 +69,15 @@ class LineReader {
     return value;
   }
 
-  // Returns whether the line holds observations: x, y and a point number, any number of times. A line of an
-  // image ends with its name, or has another number of words.
+  // Returns whether the line holds observations: any number of triples of x, y and point number. A line that
+  // describes an image ends with a file name, or its number of words is not a multiple of three.
   bool has_observations() const {
     std::size_t words = 0;
     for (std::size_t at = 0; (at = line_.find_first_not_of(" \t", at)) != std::string_view::npos;) {
       const std::size_t end = std::min(line_.find_first_of(" \t", at), line_.size());
       double ignored = 0;
       const auto result = std::from_chars(line_.data() + at, line_.data() + end, ignored);
-      constexpr std::size_t kLooked = 12;  // the rest of an image's line is its name
+      constexpr std::size_t kLooked = 12;  // in a line of an image, the name follows after fewer words
       if (words < kLooked && (result.ec == std::errc::invalid_argument || result.ptr != line_.data() + end))
         return false;
       ++words, at = end;
@@ -100,8 +102,8 @@ void read_text_cameras(const fs::path& path, ColmapModel& model) {
   }
 }
 
-// Every image has a second line, which may be empty. Hand-made files leave it out: then the next line is that
-// of an image again.
+// Reads images.txt. Every image has a second line for observations, which may be empty. Hand-made files often
+// leave it out; the next line then describes the next image.
 void read_text_images(const fs::path& path, ColmapModel& model) {
   LineReader in(path);
   for (bool more = in.next(); more;) {
@@ -119,7 +121,8 @@ void read_text_images(const fs::path& path, ColmapModel& model) {
 
 }  // namespace
 
-// Colours are whole numbers from 0 to 255. Hand-made files have them as 29.0, or from 0 to 1.
+// Reads points3D.txt. Colours are integers from 0 to 255. Hand-made files also store them as 29.0, or from 0
+// to 1.
 void read_colmap_text_points(const fs::path& path, ColmapModel& model) {
   std::vector<std::array<double, 3>> colours;
   bool fractions = false;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// SuperSplat's compressed PLY; see foreign_formats.hpp. Element chunk: bounds of positions and log scales
-// (and colours, since version 2) of 256 splats each. Element vertex: position and scale 11+10+11 bits,
-// rotation 2 bits (largest component) + 3 x 10, colour and opacity 4 x 8. Element sh: f_rest_* in 8 bits.
+// Reads SuperSplat's compressed PLY; see foreign_formats.hpp. The file has three elements:
+// - chunk: bounds of the positions and log scales of 256 splats each, and of their colours since version 2
+// - vertex: position and scale in 11+10+11 bits each, colour and opacity in 4 x 8 bits, rotation in 2 bits
+//   (index of the largest component) + 3 x 10 bits
+// - sh: f_rest_* in 8 bits each
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -36,7 +38,8 @@ std::array<float, 3> unpack_11_10_11(std::uint32_t v) {
   return {unit(v, 21, 11), unit(v, 11, 10), unit(v, 0, 11)};
 }
 
-// The three stored components are those that are left, in the order w x y z, over [-sqrt(1/2), sqrt(1/2)].
+// Decodes a quaternion w x y z. The file stores all components except the largest, in this order, as
+// numbers from -sqrt(1/2) to sqrt(1/2).
 std::array<float, 4> unpack_rotation(std::uint32_t v) {
   const float stored[3] = {(unit(v, 20, 10) - 0.5f) * std::sqrt(2.0f),
                            (unit(v, 10, 10) - 0.5f) * std::sqrt(2.0f),
@@ -63,7 +66,7 @@ std::size_t offset_of(const PlyElement& element, const std::string& property, Pl
   return found->offset;
 }
 
-// Offsets of lo_x, lo_y, lo_z, hi_x, hi_y, hi_z.
+// Returns the offsets of lo_x, lo_y, lo_z, hi_x, hi_y, hi_z.
 std::array<std::size_t, 6> bounds_offsets(const PlyElement& chunk, const std::string& what, const char* axes,
                                           const std::string& name) {
   std::array<std::size_t, 6> offsets{};
@@ -102,7 +105,8 @@ Chunks read_chunks(std::ifstream& stream, const PlyElement& element, const std::
   return chunks;
 }
 
-// 8 bits over [-4, 4]; the two end values are exact, the others stand for the middle of their interval.
+// Decodes 8 bits to [-4, 4]. The two end values are exact; each other code stands for the middle of its
+// interval.
 float unpack_sh(std::uint8_t v) {
   const float t = v == 0 ? 0.0f : v == 255 ? 1.0f : (static_cast<float>(v) + 0.5f) / 256.0f;
   return (t - 0.5f) * 8.0f;
@@ -122,7 +126,7 @@ void read_sh(std::ifstream& stream, const PlyElement& element, ImportedSplats& s
             unpack_sh(std::to_integer<std::uint8_t>(bytes[i * element.stride + offsets[c * higher + k]]));
 }
 
-// Names what of the chunks and the splats nobody has asked for.
+// Adds a note that names the properties of chunks and splats that are not used.
 void note_unused(const PlyElement& element, const std::vector<std::string>& names, LoadReport& report) {
   std::vector<const PlyProperty*> used;
   for (const std::string& name : names)

@@ -13,17 +13,19 @@
 namespace ubs {
 namespace {
 
-constexpr int kSearchedAcross = 800;     // [px] of a picture in which corners are sought
-constexpr int kCorners = 2000;           // of a picture
-constexpr double kCornerQuality = 2e-3;  // of the strongest one
-constexpr double kCornerDistance = 2;    // [px] between two
-constexpr float kCornerSize = 3;         // [px] that the descriptor is made for
+constexpr int kSearchedAcross = 800;     // [px] images are reduced to this size before the search
+constexpr int kCorners = 2000;           // maximum number of dense corners per image
+constexpr double kCornerQuality = 2e-3;  // minimum quality, relative to the strongest corner
+constexpr double kCornerDistance = 2;    // [px] minimum distance between two corners
+constexpr float kCornerSize = 3;         // [px] size of the descriptor of a dense corner
 constexpr int kFeatures = 3000, kOctaveLayers = 3;
-constexpr double kFeatureContrast = 0.005;  // SIFT has 0.04, and too few in small pictures
-constexpr double kStrip = 16;               // [px] wide, in which corners are sorted
-constexpr float kRatio = 0.85f;  // of the distances of the best and the second best descriptor in the band
+// OpenCV's default is 0.04, which gives too few features in small images.
+constexpr double kFeatureContrast = 0.005;
+constexpr double kStrip = 16;  // [px] width of the strips that corners are sorted into
+// Maximum ratio of the distances of the best and the second best descriptor in the band.
+constexpr float kRatio = 0.85f;
 
-// Corners at most `band` from a line a u + b v + c = 0, of unit normal.
+// Returns the corners at most `band` away from the line a u + b v + c = 0, whose normal has unit length.
 std::vector<std::size_t> near_line(const Corners& in, const Vec3& line, double band) {
   std::vector<std::size_t> found;
   const double b = std::copysign(std::max(std::abs(line[1]), 1e-9), line[1]);
@@ -65,7 +67,7 @@ Corners find_corners(const View& view, CornerKind kind) {
   } else {
     cv::GFTTDetector::create(kCorners, kCornerQuality, kCornerDistance)->detect(grey, found, mask);
     for (cv::KeyPoint& key : found) key.size = kCornerSize, key.octave = 0, key.angle = 0;
-    // Of no corners it cannot: it then wants octaves, and a picture of two pixels has none.
+    // SIFT::compute() throws for an empty keypoint list if the image is too small for an octave.
     if (!found.empty()) cv::SIFT::create()->compute(grey, found, out.descriptors);
   }
   out.picture = {.camera = view.camera,
@@ -125,7 +127,7 @@ std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners&
   const Vec3 base = a.centre() - b.centre();
   band *= to.pixel();
   for (std::size_t i = 0; i < from.rays.size(); ++i) {
-    // The plane of the ray and both cameras, as a line in the picture of b.
+    // The plane that contains the ray and both cameras, as a line in the image of b.
     const Vec3 n = rotated(b.rotation, cross(base, from.rays[i]));
     Vec3 line{n[0] / b.fx, n[1] / b.fy, n[2] - n[0] * b.cx / b.fx - n[1] * b.cy / b.fy};
     const double size = std::hypot(line[0], line[1]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Corners of pictures, and which of two pictures are the same: for points that pictures show
-// (triangulate.hpp), and for the cameras that they were taken with (align_cameras.hpp).
+// find_corners() finds the corners (keypoints) of an image; other functions match corners between two images.
+// They are used to find scene points that several images show (triangulate.hpp) and to correct cameras
+// (align_cameras.hpp).
 #pragma once
 
 #include <array>
@@ -20,40 +21,46 @@ namespace ubs {
 
 struct Corners {
   GreyPicture picture;
-  std::vector<Vec3> rays;  // in the world, of unit depth
+  std::vector<Vec3> rays;  // in world space, of unit depth in the camera
   std::vector<Pixel> at;
   std::vector<std::array<std::uint8_t, 3>> colours;
-  cv::Mat descriptors;                           // float, a row a corner
-  std::vector<std::vector<std::size_t>> strips;  // corners by column, then by row
+  cv::Mat descriptors;  // float, one row per corner
+  // For each strip of columns: the indices of its corners, sorted by row.
+  std::vector<std::vector<std::size_t>> strips;
   const Camera& camera() const { return picture.camera; }
-  double pixel() const { return picture.across; }  // of the searched picture, in pixels of the camera
+  // Size of a pixel of the searched image, in pixels of the camera.
+  double pixel() const { return picture.across; }
 };
 
-// Of the picture in at most 800 pixels across, with SIFT descriptors. Dense ones are whole pixels, described
-// upright and small; distinct ones have their own size and direction, and are found between pixels.
+// Finds the corners of an image, reduced to at most 800 pixels across, with SIFT descriptors. Dense corners
+// are at whole pixels; their descriptors are upright and of a small fixed size. Distinct corners are at
+// subpixel positions and have their own size and direction.
 enum class CornerKind { dense, distinct };
 Corners find_corners(const View& view, CornerKind kind);
 
-// Of each camera the `most` that see alike: near in position and direction, but not from the same place.
+// Pairs each camera with the `most` cameras that see the most similar part of the scene: near in position and
+// direction, but not at the same position. Returns the pairs of indices, sorted and without duplicates.
 std::vector<std::pair<std::size_t, std::size_t>> neighbours(std::span<const Camera> cameras,
                                                             std::size_t most);
 
-// The corner of `to` that looks most like each of `from`, among those at most `band` pixels of the searched
-// picture from its epipolar line; or -1.
+// Returns, for each corner of `from`, the index of the corner of `to` with the most similar descriptor, or -1
+// if no corner is similar enough. Only corners at most `band` pixels of the searched image away from the
+// epipolar line are considered.
 std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners& to, double band);
 
 Vec3 in_camera(const Camera& camera, const Vec3& point);
-// Where the camera shows the point, if it is before it.
+// Returns the pixel at which the camera sees the point, if the point is in front of it.
 std::optional<Pixel> seen_at(const Camera& camera, const Vec3& point);
 
-// Of the pixel that `at` lies in.
+// Returns the index of the pixel that contains `at`.
 inline std::size_t pixel_index(const Image8& image, const Pixel& at) {
   const int x = std::clamp(static_cast<int>(at[0]), 0, image.width - 1);
   const int y = std::clamp(static_cast<int>(at[1]), 0, image.height - 1);
   return static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width) + static_cast<std::size_t>(x);
 }
 
-// Corners of all pictures that are one point, told by the smallest of their numbers.
+// Union-find structure for corners of all images that show the same scene point. A track is identified by the
+// smallest index of its corners.
 class Tracks {
  public:
   explicit Tracks(std::size_t corners) : parent_(corners) { std::iota(parent_.begin(), parent_.end(), 0); }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A covariance as rotation and variances along its axes.
+// CovarianceAxes describes a covariance by a rotation and the variances along the rotated axes.
 #pragma once
 
 #include <array>
@@ -10,13 +10,15 @@ namespace ubs {
 
 struct CovarianceAxes {
   std::array<double, 4> rotation{1, 0, 0, 0};  // quaternion w x y z, unit length
-  std::array<double, 3> variance{};            // falling, all positive
+  std::array<double, 3> variance{};            // descending, all positive
 };
 
-// An indefinite covariance has no thickness along some axis: a thousandth of the longest one stands for it.
+// Decomposes a covariance. If it is not positive definite, too small variances are raised to a millionth of
+// the largest one, so the standard deviation along that axis is a thousandth of the longest.
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]);
 
-// Of M M^T, from the singular values of M: thin axes keep their accuracy. A variance may be 0.
+// Decomposes M M^T, using the singular values of M, so that thin axes keep their accuracy. A variance may be
+// 0.
 CovarianceAxes covariance_axes(const Matrix3& factor);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a data set may be read from. Its files name other files, and links lead anywhere: what lies outside
-// of the folder that the user named is read only where the user allows it.
+// DataRoot checks which files a data set may read. Files of a data set name other files, and symbolic links
+// may lead to any place. Files outside of the folder that the user named are read only if the user allows it.
 #pragma once
 
 #include <filesystem>
@@ -11,16 +11,17 @@ namespace ubs {
 
 class DataRoot {
  public:
-  // `data`: the folder, or a file, whose folder then counts. It may be a link itself.
+  // `data`: the folder, or a file in it. It may itself be a link.
   DataRoot(const std::filesystem::path& data, bool allow_outside);
-  // Another folder that the user named.
+  // Also allows another folder that the user named.
   void add(const std::filesystem::path& folder);
 
-  // `path` itself. Throws Error(data) that starts with `where` and names --allow-outside when, all links
-  // followed, it leads out of the folders. What is not there leads nowhere.
+  // Returns `path` unchanged. Throws Error(data) if the path, after resolving all links, is outside of the
+  // allowed folders; the message starts with `where` and names --allow-outside. A path that does not exist is
+  // accepted.
   const std::filesystem::path& check(const std::filesystem::path& path, const std::string& where = "") const;
 
-  // Returns whether the path, all links followed, leads out of the folders.
+  // Returns whether the path, after resolving all links, is outside of the allowed folders.
   bool leads_outside(const std::filesystem::path& path) const;
 
  private:

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Rows 0..2 of a rigid motion, from 4x4 or 3x4 nested arrays.
+// Returns rows 0..2 of a rigid motion, read from 4x4 or 3x4 nested arrays.
 std::array<double, 12> read_matrix(const Node& frame, const char* key) {
   if (!frame.has(key)) fail(ErrorKind::data, "{}: '{}' is missing", frame.where, key);
   const Json& rows = frame.json[key];
@@ -43,7 +43,8 @@ std::array<double, 12> read_matrix(const Node& frame, const char* key) {
   return matrix;
 }
 
-// Pixels before angles: exporters of Blender write the angles of the sensor, whose shape is not the image's.
+// Returns the focal length in pixels. A value in pixels takes precedence over an angle: Blender exporters
+// write the angles of the sensor, whose aspect ratio may differ from that of the image.
 std::optional<double> focal_length(const Node& frame, const Node& file, const char* angle_key,
                                    const char* pixel_key, double extent) {
   for (const Node* node : {&frame, &file}) {
@@ -93,10 +94,10 @@ std::array<double, 3> Node::vector(const char* key) const {
 
 namespace {
 
-constexpr char kMarker = '\1';  // begins a string that stands for a word that is no JSON
+constexpr char kMarker = '\1';  // first character of a string that replaces a word which JSON does not allow
 
-// Python's json writes NaN and Infinity, which are no JSON. Returns the text with every one as a marked
-// string.
+// Returns the text with every NaN and Infinity replaced by a marked string. Python's json module writes these
+// words, but JSON does not allow them.
 std::string with_marked_nan(const std::string& text) {
   std::string result;
   bool in_string = false;
@@ -118,7 +119,7 @@ std::string with_marked_nan(const std::string& text) {
   return result;
 }
 
-// Throws where a marked string is at or below `json`; `field` is the name of the member that holds it.
+// Throws if `json` is or contains a marked string; `field` is the name of the member that holds it.
 void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
   if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
     fail(ErrorKind::data, "{}: '{}' has the value {}, which is no number", where, field,
@@ -127,12 +128,12 @@ void refuse_marked(const Json& json, const std::string& field, const std::string
   for (const auto& [key, value] : json.items()) refuse_marked(value, field.empty() ? key : field, where);
 }
 
-// Throws Error(data) that names frame and field where the text would be JSON but for NaN and Infinity.
+// Throws Error(data) that names frame and field if the text is valid JSON except for NaN and Infinity.
 void refuse_nan(const std::string& text, const std::string& name, const char* list) {
   Json json;
   try {
     json = parse_json(with_marked_nan(text), name);
-  } catch (const Error&) {  // damaged in another way too: the first error says how
+  } catch (const Error&) {  // also damaged in another way, which the first error describes
     return;
   }
   if (json.is_object() && json.contains(list) && json[list].is_array())
@@ -168,8 +169,8 @@ Node frame_node(const Json& file, std::size_t index, const std::string& path) {
   return {file["frames"][index], fmt::format("{}: frame {}", path, index)};
 }
 
-// Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
-// forward): negate columns 1 and 2, then invert; the inverse of a rotation is its transpose.
+// Converts camera-to-world with OpenGL axes (y up, z backward) to world-to-camera with COLMAP axes (y down, z
+// forward): negate columns 1 and 2, then invert. The inverse of a rotation is its transpose.
 void set_pose(Camera& camera, const Node& frame) {
   const std::array<double, 12> m = read_matrix(frame, "transform_matrix");
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -191,7 +192,6 @@ void set_world_to_camera(Camera& camera, const Node& frame) {
   }
 }
 
-// A value of the frame, else of the whole file.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key) {
   if (frame.has(key)) return frame.number(key);
   if (file.has(key)) return file.number(key);
@@ -212,8 +212,9 @@ std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const 
   return ImageSize{static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image. They
-// refer to the fractions of a size that was cut to whole pixels.
+// `stated` is the size that pixel quantities of the JSON refer to, `actual` the size of the loaded image. If
+// the JSON states a fractional size, pixel quantities refer to that size before it was truncated to whole
+// pixels.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual) {
   const auto uncut = [&](const char* key, int whole) {
     const double value = lookup(frame, file, key).value_or(whole);

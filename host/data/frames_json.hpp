@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames of transforms*.json files, as Blender, D-NeRF and nerfstudio folders have them: checked access
-// to their fields, poses, intrinsics, names. For the loaders of this folder and for camera keyframes.
+// Node gives checked access to the fields of frames in transforms*.json files of Blender, D-NeRF and
+// nerfstudio folders. Functions here read poses, intrinsics and names. Used by the loaders of this folder and
+// for camera keyframes.
 #pragma once
 
 #include <array>
@@ -17,40 +18,40 @@
 
 namespace ubs::frames {
 
-// A JSON object and the words that locate it in error messages.
+// A JSON object, and the text that locates it in error messages.
 struct Node {
   const Json& json;
   std::string where;
 
   bool has(const char* key) const { return json.contains(key); }
-  double number(const char* key) const;                 // finite, else an error
-  std::string text(const char* key) const;              // a non-empty string, else an error
-  std::array<double, 3> vector(const char* key) const;  // three finite numbers, else an error
+  double number(const char* key) const;                 // throws unless it is a finite number
+  std::string text(const char* key) const;              // throws unless it is a non-empty string
+  std::array<double, 3> vector(const char* key) const;  // throws unless it is three finite numbers
 };
 
-// An object with a non-empty array `list` of objects.
+// Reads a JSON file. Throws unless it is an object with a non-empty array `list` of objects.
 Json parse_file(const std::filesystem::path& path, const char* list = "frames");
 Node frame_node(const Json& file, std::size_t index, const std::string& path);
 
-// Camera-to-world with OpenGL axes (y up, z backward) -> world-to-camera with COLMAP axes (y down, z
-// forward).
+// Reads the pose. Converts camera-to-world with OpenGL axes (y up, z backward) to world-to-camera with COLMAP
+// axes (y down, z forward).
 void set_pose(Camera& camera, const Node& frame);
-// "world_to_camera" with COLMAP axes, as it stands.
+// Reads "world_to_camera", which has COLMAP axes, without conversion.
 void set_world_to_camera(Camera& camera, const Node& frame);
 
-// A value of the frame, else of the whole file.
+// Returns a value of the frame, or that of the whole file if the frame does not have it.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
 
-// "w" and "h", where both are given. Exporters of Blender write them before Blender cuts them to whole pixels
-// (633.6): the size of the image file stands for those, where there is one and it differs by less than a
-// pixel.
+// Returns "w" and "h" if both are present. Blender exporters write them before Blender truncates them to
+// whole pixels (633.6). For a fractional size, the size of the image file is returned if the file exists and
+// differs by less than a pixel.
 std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
 
-// `stated` is the size that pixel quantities of the JSON refer to, `actual` that of the loaded image.
+// `stated` is the size that pixel quantities of the JSON refer to, `actual` the size of the loaded image.
 void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSize stated, ImageSize actual);
 
-// Returns the file of a frame, or the last component of its stated name where no file was found: what the
-// view is named after.
+// Returns the file that the view is named after: the file of the frame, or the last component of its stated
+// name if no file was found.
 std::filesystem::path shown_name(const std::filesystem::path& found, const std::string& stated);
 std::string frame_name(const std::string& file_path);  // without folder and extension
 

@@ -12,7 +12,8 @@
 namespace ubs {
 namespace {
 
-// Row of coefficient k of channel c: constant terms first, then each channel's others.
+// Returns the row of coefficient k of channel c. The constant terms of all channels come first, then the
+// other terms of each channel.
 int harmonic_row(const ParameterLayout& l, std::size_t c, std::size_t k) {
   const std::size_t others = static_cast<std::size_t>(l.variant.harmonics()) - 1;
   return l.rgb + static_cast<int>(k == 0 ? c : 3 + c * others + k - 1);

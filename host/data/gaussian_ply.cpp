@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// 3DGS and DBS files (method.md 5.2, 5.3); see foreign_formats.hpp.
+// Reads and writes 3DGS and DBS files (method.md 5.2, 5.3); see foreign_formats.hpp.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -21,7 +21,7 @@ int degree_of_rest(std::size_t rest, const std::string& name) {
   fail(ErrorKind::data, "{}: {} f_rest_* properties: expected 0, 9, 24, 45 or 72", name, rest);
 }
 
-// Which of the two names a file uses for a group.
+// Property names for the constant and the other harmonics; 3DGS and DBS files use different ones.
 struct Names {
   std::string dc, rest;
 };
@@ -29,7 +29,8 @@ Names names_of(SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
 }
 
-// Of DBS with the degree that they are drawn with here, that of their own default.
+// Returns the number of lobes per splat of a DBS file. Returns 0 and adds a note unless it is 1 to 3 lobes
+// with harmonics of degree 0, which is the default of DBS and can be rendered here.
 int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
@@ -57,7 +58,7 @@ class Columns {
     return properties_.size() - 1;
   }
 
-  // Leaves the stream behind the rows.
+  // Reads all rows; the stream is then after the last row.
   void read(std::ifstream& stream) {
     table_.resize(properties_.size() * header_.count);
     std::vector<float*> rows;
@@ -76,12 +77,12 @@ class Columns {
   std::vector<float> table_;
 };
 
-// Types that hold more than the 24 bits of a float32: coordinates of surveyed places need them.
+// Returns whether the type holds more than the 24 bits of a float32. Georeferenced coordinates need more.
 bool finer_than_float(PlyType type) {
   return type == PlyType::float64 || type == PlyType::int32 || type == PlyType::uint32;
 }
 
-// Columns that other methods add to those of 3DGS, and what leaving them out means.
+// Columns that other methods add to those of 3DGS, and what is lost when they are ignored.
 struct KnownColumns {
   const char* one;
   const char* meaning;
@@ -95,8 +96,8 @@ constexpr KnownColumns kKnownColumns[] = {
 
 bool is_blank(char c) { return c == ' ' || c == ':' || c == '=' || c == '\t' || c == '\r'; }
 
-// The value behind a key at the start of a comment, in small letters; without regard to case, as other
-// readers do. Empty: another comment.
+// Returns the value that follows a key at the start of a comment, in lower case. Ignores case, as other
+// readers do. Returns an empty string if the comment does not start with the key.
 std::string value_of(std::string_view comment, std::string_view key) {
   std::string small(comment);
   std::ranges::transform(small, small.begin(),
@@ -164,7 +165,8 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.lobes = lobes_of(count_numbered(header, "sb_params_"), splats);
   splats.offset = offset_comment(header.comments, name);
   splats.antialiased = antialias_comment(header.comments, splats.report);
-  // 2DGS has discs: two scales. What lacks other columns as well is no such file, and its message names them.
+  // 2DGS files have discs with two scales. If other columns are missing too, the file is not a 2DGS file, and
+  // the error message names the missing columns.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
   if (flat) splats.report.note("no scale_2: these are flat splats, as 2D Gaussian Splatting has them");
   Columns columns(header, name);
@@ -200,7 +202,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   splats.report.folder = name;
   if (splats.sh_degree > 3) splats.report.note("harmonics of degree 4 are dropped");
   const std::vector<const PlyProperty*> used = columns.properties();
-  // In ascii files the digits count, whatever the header calls their type.
+  // In ascii files, coordinates may have more digits than the type in the header can hold.
   if (header.ascii ||
       std::ranges::any_of(used.begin(), used.begin() + 3, finer_than_float, &PlyProperty::type)) {
     std::array<std::vector<double>, 3> coordinates;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A header, a chunk
-// of JSON, a chunk of numbers. Scales and opacities are stored as they are, not as logarithms and logits;
-// quaternions as x y z w; a VEC3 of the three channels for each harmonic.
+// Reads and writes binary glTF 2.0 with KHR_gaussian_splatting (kernel "ellipse"); see foreign_formats.hpp. A
+// file has a header, a chunk of JSON and a chunk of numbers. The format stores scales and opacities linearly,
+// not as logarithms and logits; quaternions as x y z w; and each harmonic as a VEC3 of the three channels.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -23,7 +23,8 @@ constexpr std::uint32_t kGlbMagic = 0x46546c67, kJsonChunk = 0x4e4f534a, kBinChu
 constexpr const char* kSplatting = "KHR_gaussian_splatting";
 constexpr int kFloat = 5126;
 constexpr std::size_t kLeastSplatBytes = 14;
-constexpr double kNodeRounding = 1e-6;  // of what turns and scales nothing: a few steps of float32 at 1
+// Tolerance of node transforms that should be the identity: a few float32 steps at 1.
+constexpr double kNodeRounding = 1e-6;
 
 std::string sh_name(int degree, int order) {
   return fmt::format("{}:SH_DEGREE_{}_COEF_{}", kSplatting, degree, order);
@@ -34,7 +35,7 @@ std::string attribute(const char* name) { return fmt::format("{}:{}", kSplatting
 
 class GlbWriter {
  public:
-  // Number k of splat i is at(i, k); the accessor's index.
+  // Adds an accessor, in which number k of splat i is at(i, k), and returns its index.
   template <typename At>
   std::size_t add(std::size_t count, std::size_t width, At at, bool bounds = false) {
     const std::size_t begin = bytes_.size();
@@ -105,7 +106,7 @@ GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
 
 struct Component {
   std::size_t bytes = 4;
-  double most = 1;  // of a normalised one
+  double most = 1;  // value that stands for 1 if the accessor is normalised
 };
 Component component_of(int type, const std::string& name) {
   switch (type) {
@@ -143,7 +144,7 @@ float component_at(const std::byte* at, int type) {
   }
 }
 
-// All numbers of an accessor, `width` an element.
+// Reads all numbers of an accessor with `width` numbers per element.
 std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::size_t width, std::size_t count,
                                  const std::string& name) {
   const Json& accessor = glb.json.at("accessors").at(index);
@@ -183,8 +184,8 @@ std::string range_text(std::span<const float> values) {
   return fmt::format("{:.4g} to {:.4g}", low, high);
 }
 
-// Returns the logarithms of the scales. The extension has them linear; exporters that followed an early draft
-// wrote logarithms, which are negative for all splats smaller than one unit.
+// Returns the logarithms of the scales. The extension stores linear scales. Exporters that followed an early
+// draft wrote logarithms, which are negative for all splats smaller than one unit.
 std::vector<float> log_scales_of(std::vector<float> scales, const std::string& where, LoadReport& report) {
   const auto negative =
       static_cast<std::size_t>(std::ranges::count_if(scales, [](float v) { return v < 0; }));
@@ -208,8 +209,8 @@ void check_opacities(std::span<const float> opacities, const std::string& where)
          range_text(opacities));
 }
 
-// Names the attributes that nobody reads, and how many primitives have no splats. COLOR_0 is what a viewer
-// without the extension shows.
+// Adds a note that names the attributes that are not used. COLOR_0 is not named: it only serves viewers that
+// do not support the extension.
 void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   std::vector<std::string> used{"POSITION", "COLOR_0", attribute("ROTATION"), attribute("SCALE"),
                                 attribute("OPACITY")};
@@ -221,8 +222,9 @@ void note_unused(const Json& attributes, int sh_degree, LoadReport& report) {
   if (!others.empty()) report.note(fmt::format("attributes that are not used: {}", list_names(others)));
 }
 
-// `before`: splats of the primitives before it. A splat has 14 numbers of a byte or more, and primitives
-// share none, so that a small file cannot stand for more splats than it holds.
+// `before` is the number of splats in the primitives before this one. Each splat has 14 numbers of at least
+// one byte, and primitives do not share data. This bounds the number of splats by the file size, so a small
+// damaged file cannot claim a huge number.
 ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::size_t before,
                               const std::string& name) {
   const Json& attributes = primitive.at("attributes");
@@ -281,18 +283,18 @@ void require_neutral(const char* key, const std::array<double, N>& values,
       fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
 }
 
-// The translation of a node; Error(data) for a node that turns or scales. Exporters write rotations, scales
-// and matrices that do neither.
+// Returns the translation of a node. Throws Error(data) if the node rotates or scales. Exporters write
+// rotations, scales and matrices even if they have no effect; these are accepted.
 std::array<double, 3> place_of_node(const Json& node, const std::string& name) {
   const auto q = node_numbers<4>(node, "rotation", {0, 0, 0, 1});
-  require_neutral("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])}, name);  // -q turns as q does
+  require_neutral("rotation", q, {0, 0, 0, std::copysign(1.0, q[3])}, name);  // -q is the same rotation as q
   require_neutral("scale", node_numbers<3>(node, "scale", {1, 1, 1}), {1, 1, 1}, name);
   const auto m = node_numbers<16>(node, "matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1});
   require_neutral("matrix", m, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, m[12], m[13], m[14], 1}, name);
   return node_numbers<3>(node, "translation", {m[12], m[13], m[14]});
 }
 
-// The translations above a mesh, added up. Without scenes: zero.
+// Returns the sum of all translations above a mesh; zero if the file has no nodes.
 std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const std::string& name) {
   std::array<double, 3> place{};
   if (!json.contains("nodes")) return place;

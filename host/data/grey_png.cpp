@@ -22,7 +22,7 @@ void check(std::span<const float> pixels, int width, int height, const std::file
     fail(ErrorKind::numerical, "{}: not written: pixel {} is {}", path.string(), bad - pixels.begin(), *bad);
 }
 
-// value -> scale * (value - low), rounded.
+// Writes round(scale * (value - low)).
 template <typename Sample>
 void save(const std::filesystem::path& path, std::span<const float> pixels, int width, int height, float low,
           float scale) {

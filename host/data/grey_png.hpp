@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Single-channel images: opacity masks (8 bit) and depth maps (16 bit) for looking at.
+// These functions write single-channel PNG images for viewing: opacity masks (8 bit) and depth maps (16 bit).
 #pragma once
 
 #include <filesystem>
@@ -11,10 +11,11 @@ struct GreyRange {
   float low = 0, high = 0;
 };
 
-// (H, W) clamped to [0, 1] and rounded to 8 bits.
+// Writes (H, W) values, clamped to [0, 1] and rounded to 8 bits.
 void save_png_grey8(const std::filesystem::path& path, std::span<const float> pixels, int width, int height);
 
-// (H, W) with the range of the image mapped to 0 .. 65535; returns that range. A constant image is black.
+// Writes (H, W) values with the range of the image mapped to 0 .. 65535, and returns that range. A constant
+// image becomes black.
 GreyRange save_png_grey16(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height);
 

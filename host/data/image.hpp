@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image files in and out. Loading follows method.md 4.5: transparency is composited on the background and
-// truncated to 8 bits at full size, then the image is reduced.
+// These functions load and save image files. Loading follows method.md 4.5: transparent pixels are composited
+// on the background and truncated to 8 bits at full size; then the image is reduced.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
-// Of a file; OpenCV decodes no more either.
+// Maximum number of pixels of a file; OpenCV has the same limit.
 inline constexpr std::size_t kMaxDecodedPixels = std::size_t{1} << 30;
 
 inline std::size_t sample_count(int width, int height, int channels) {
@@ -26,30 +26,33 @@ inline std::size_t sample_count(int width, int height, int channels) {
          static_cast<std::size_t>(channels);
 }
 
-// floor(size / factor + 0.5), at least 1.
+// Returns floor(size / factor + 0.5), at least 1.
 int downscaled(int size, int factor);
 
-// Size in the file, before any reduction (image_info.hpp).
+// Returns the size in the file, before any reduction (image_info.hpp).
 ImageSize image_file_size(const std::filesystem::path& path);
 
-// At the size of the file. 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light, becomes sRGB). 16-bit
-// samples are converted with full precision: v / 65535 when composited, round(v / 257) otherwise.
+// Loads an image at the size of the file: 8- or 16-bit grey, RGB or RGBA, or float (EXR: linear light,
+// converted to sRGB). 16-bit samples are converted with full precision: v / 65535 if they are composited,
+// otherwise round(v / 257).
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0});
 
-// A mask file, 8 or 16 bits, as a grey image of the size of `image`: its alpha where that is not full
-// everywhere, else its brightest channel. Throws Error(data) unless it has the shape of `image`.
+// Loads a mask file with 8 or 16 bits as a grey image: its alpha unless that is 1 everywhere, otherwise its
+// brightest channel. Throws Error(data) unless the mask has the aspect ratio of `image`; it may have the size
+// of the full image if `image` is reduced.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
-// image.mask from a mask image that went the same way as the image: a pixel counts where it is at least half
-// white.
+// Sets image.mask from a mask image that was undistorted and reduced like the image itself. A pixel counts if
+// it is at least half white.
 void set_mask(Image8& image, const Image8& mask);
 
-// Clamped to [0,1], then rounded to 8 bits. NaN and infinity are an error, not a black pixel.
+// Makes an image from float pixels, clamped to [0,1] and rounded to 8 bits. NaN and infinity are an error,
+// not a black pixel.
 Image8 image_from_interleaved(std::span<const float> pixels, int width, int height);  // (H, W, 3)
 
 void save_png(const std::filesystem::path& path, const Image8& image, FileUse use = FileUse::result);
 void save_png_interleaved(const std::filesystem::path& path, std::span<const float> pixels, int width,
                           int height);
-// (H, W, 4), straight (not premultiplied) alpha.
+// Writes (H, W, 4) pixels with straight (not premultiplied) alpha.
 void save_png_rgba(const std::filesystem::path& path, std::span<const std::uint8_t> rgba, int width,
                    int height);
 

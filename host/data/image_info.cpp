@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See image_info.hpp. A JPEG file is a chain of segments FF xx, length (2 bytes, big-endian, itself
-// included), body. SOFn carries the size; APP1 "Exif" carries a TIFF directory with the orientation.
+// See image_info.hpp. A JPEG file is a chain of segments: FF xx, length (2 bytes, big-endian, includes
+// itself), body. SOFn contains the image size; APP1 "Exif" contains a TIFF directory with the orientation.
 #include "host/data/image_info.hpp"
 
 #include <cstdint>
@@ -20,7 +20,8 @@ std::uint32_t big32(const unsigned char* at) {
   return static_cast<std::uint32_t>(big16(at)) << 16 | static_cast<std::uint32_t>(big16(at + 2));
 }
 
-// Number of `bytes` (2 or 4) at `offset` of a TIFF block; nothing outside it is touched.
+// Reads a number of `bytes` (2 or 4) bytes at `offset` of a TIFF block. Returns 0 if it is not inside the
+// block.
 std::uint32_t tiff_number(const std::vector<unsigned char>& tiff, std::size_t offset, int bytes, bool big) {
   if (offset + static_cast<std::size_t>(bytes) > tiff.size()) return 0;
   std::uint32_t value = 0;
@@ -46,7 +47,7 @@ int exif_orientation(const std::vector<unsigned char>& segment) {
   return 1;
 }
 
-// False when the file is no JPEG or its chain of segments breaks before a size is found.
+// Returns false if the file is not a JPEG or its chain of segments breaks before a size is found.
 bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   unsigned char head[4] = {};
   stream.read(reinterpret_cast<char*>(head), 2);
@@ -68,7 +69,7 @@ bool jpeg_info(std::ifstream& stream, ImageInfo& info) {
   return false;
 }
 
-// Whether a chunk before the pixels makes colours transparent. The chunks follow the signature.
+// Returns whether a chunk before the pixels makes a colour transparent. The chunks follow the signature.
 bool png_has_clear_colour(std::ifstream& stream) {
   constexpr std::streamoff kSignature = 8, kChecksum = 4;
   unsigned char head[8] = {};
@@ -89,12 +90,12 @@ bool png_info(std::ifstream& stream, const std::string& name, ImageInfo& info) {
     return false;
   info.size = {big16(head + 16) << 16 | big16(head + 18), big16(head + 20) << 16 | big16(head + 22)};
   if (info.size.width < 1 || info.size.height < 1) fail(ErrorKind::data, "{}: damaged PNG header", name);
-  const int colour_type = head[25];  // 4 and 6 have alpha
+  const int colour_type = head[25];  // types 4 and 6 have alpha
   info.opaque = colour_type < 4 && !png_has_clear_colour(stream);
   return true;
 }
 
-// Formats that people bring and no decoder of this program reads, by bytes at a place of the file.
+// Common image formats that this program cannot decode, recognised by bytes at an offset in the file.
 struct UnreadFormat {
   std::size_t at;
   std::string_view bytes;

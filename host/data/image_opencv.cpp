@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What OpenCV does of image.hpp and image_info.hpp: decoding of files.
+// This file has the functions of image.hpp and image_info.hpp that decode files with OpenCV.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -25,9 +25,9 @@ bool is_exr(std::span<const std::byte> bytes) {
   return bytes.size() >= sizeof kMagic && std::memcmp(bytes.data(), kMagic, sizeof kMagic) == 0;
 }
 
-// 8 or 16 bits or float, 1, 3 or 4 channels in the order B, G, R(, A).
-// Orientation tags are ignored, as in the published loader (Pillow's Image.open): the cameras of every
-// data set describe the stored pixels.
+// Decodes a file to 8 or 16 bits or float, with 1, 3 or 4 channels in the order B, G, R(, A). Orientation
+// tags are ignored, as in the published loader (Pillow's Image.open), because the cameras of every data set
+// describe the stored pixels.
 cv::Mat decode_image_file(const std::filesystem::path& path) {
   const std::vector<std::byte> bytes = read_file(path);
   if (bytes.empty()) fail(ErrorKind::data, "{}: empty file", path.string());
@@ -39,7 +39,8 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
     }
     if (is_png(bytes)) return decode_png(bytes, path.string());
     refuse_unread_format({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string());
-    if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())  // as in programs that use libubs
+    // Programs that use libubs may not have set this variable.
+    if (is_exr(bytes) && environment("OPENCV_IO_ENABLE_OPENEXR").empty())
       fail(ErrorKind::data,
            "{}: OpenCV's decoder of EXR images is disabled in this process: set OPENCV_IO_ENABLE_OPENEXR=1 "
            "before the program starts, or convert the image to PNG",
@@ -64,8 +65,9 @@ cv::Mat decode_image_file(const std::filesystem::path& path) {
 std::uint8_t to_8_bit(std::uint8_t v) { return v; }
 std::uint8_t to_8_bit(std::uint16_t v) { return static_cast<std::uint8_t>((v + 128) / 257); }
 
-// OpenCV stores B, G, R(, A). Double precision reproduces the published arithmetic: v / 255 * 255
-// truncates back to v for every v (checked), so opaque pixels keep their value.
+// Composites an image on the background. OpenCV stores B, G, R(, A). Double precision reproduces the
+// published arithmetic: v / 255 * 255 truncates back to v for every v (checked), so opaque pixels keep their
+// value.
 template <typename Sample>
 Image8 composite(const cv::Mat& image, const std::array<double, 3>& background) {
   constexpr double kMax = std::numeric_limits<Sample>::max();
@@ -94,8 +96,9 @@ double srgb_from_linear(double v) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
 }
 
-// Float files (EXR) hold linear light, multiplied with alpha. Compositing follows what the same render
-// saved as PNG would give: straight colour, sRGB curve, then mixed with the background.
+// Composites a float image (EXR), which holds linear light, premultiplied with alpha. The result equals that
+// of the same render saved as PNG: the straight colour goes through the sRGB curve and is then mixed with the
+// background.
 Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
                         const std::string& name) {
   const int channels = image.channels();
@@ -135,12 +138,13 @@ Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   const cv::Mat mask = decode_image_file(path);
   if (mask.depth() == CV_32F) fail(ErrorKind::data, "{}: a mask must have 8 or 16 bits", path.string());
-  // Of the same shape it is the mask of the full image, beside a folder of reduced ones.
+  // A mask of the same aspect ratio is accepted: it may have been made for the full-size images.
   const double across = static_cast<double>(mask.cols) / image.width;
   if (std::abs(across - static_cast<double>(mask.rows) / image.height) > 0.01 * across)
     fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
-  // Alpha that says nothing leaves the colours to say it. The brightest channel: any colour is not black.
+  // If alpha is 255 everywhere, use the colours. Use the brightest channel, because only black pixels are
+  // masked.
   const int channels = mask.channels(), colours = std::min(channels, 3);
   const auto value = [&](int x, int y, int channel) {
     const int at = x * channels + channel;

@@ -26,7 +26,7 @@ class FileSource : public ImageSource {
   }
 
  private:
-  // Undistorted and reduced.
+  // Returns the pixels after undistortion and reduction.
   Image8 deliver(Image8 pixels) const {
     if (image_.undistortion) {
       const Lens& lens = image_.undistortion->lens;
@@ -42,7 +42,7 @@ class FileSource : public ImageSource {
   FileImage image_;
 };
 
-// Masks the pixels of a view that the image does not cover.
+// Image source that masks the pixels of a view that the original image does not cover.
 class CoveredSource : public ImageSource {
  public:
   CoveredSource(std::shared_ptr<const ImageSource> inner, Undistortion plan)
@@ -75,14 +75,15 @@ class CachedSource : public ImageSource {
       try {
         Image8 image = load_image(file_);
         if (image.width == width_ && image.height == height_) return image;
-      } catch (const Error&) {  // a damaged cache entry is replaced, not reported: nothing is lost
+        // A damaged cache entry is replaced without a message, because nothing is lost.
+      } catch (const Error&) {
       }
     }
     Image8 image = inner_->load();
     try {
       make_folders(file_.parent_path());
       save_png(file_, image, FileUse::cache);
-    } catch (const Error& error) {  // costs time, and nothing else
+    } catch (const Error& error) {  // without the cache, loading only takes longer
       warn_once(fmt::format("images are not cached: {}", error.what()));
     }
     return image;
@@ -124,7 +125,8 @@ std::string cache_name(const std::string& description) {
 std::shared_ptr<const ImageSource> file_image_source(FileImage image, const fs::path& cache_folder) {
   const std::string description = cache_folder.empty() ? "" : describe(image);
   const int width = image.width, height = image.height;
-  // Otherwise reading the file is as fast; a PNG of the cache has no place for a mask.
+  // Without undistortion, reading the file again is as fast as reading the cache. A PNG of the cache cannot
+  // store a mask.
   const bool expensive = image.undistortion.has_value() && image.mask.empty();
   const std::optional<Undistortion> plan = image.undistortion;
   std::shared_ptr<const ImageSource> source = std::make_shared<FileSource>(std::move(image));

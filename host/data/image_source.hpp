@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of views that are decoded on demand (ImageSource): composited, undistorted, reduced, in this
-// order. A cache folder, where one is given, keeps the results so that the work is done once.
+// These functions make image sources (ImageSource), which decode the image of a view on demand. The image is
+// composited, undistorted and reduced, in this order. If a cache folder is given, it stores the results, so
+// that the work is done only once.
 #pragma once
 
 #include <array>
@@ -17,22 +18,25 @@ struct FileImage {
   std::filesystem::path path, mask;  // mask may be empty
   std::array<double, 3> background{0, 0, 0};
   std::optional<Undistortion> undistortion;  // its lens has the size of the file
-  int width = 0, height = 0;                 // delivered: Pillow's bicubic where it differs
+  // Size of the delivered image. If it differs, Pillow's bicubic filter resizes the image.
+  int width = 0, height = 0;
 };
 
-// Where the undistortion does not fill its view, the mask excludes the pixels of which the file has nothing.
+// Returns a source that reads an image file. Where the file does not cover the undistorted view, the mask
+// excludes the pixels.
 std::shared_ptr<const ImageSource> file_image_source(FileImage image,
                                                      const std::filesystem::path& cache_folder = {});
 
-// Delivers what `inner` does, from `file` (a PNG) where it exists and has the size; else writes it.
+// Returns a source that delivers the images of `inner`. It reads them from the PNG `file` if that exists and
+// has the given size; otherwise it writes the file.
 std::shared_ptr<const ImageSource> cached_image_source(std::shared_ptr<const ImageSource> inner,
                                                        const std::filesystem::path& file, int width,
                                                        int height);
 
-// Name for a file of the cache folder: a hash of everything that decides its pixels.
+// Returns a name for a file of the cache folder: a hash of everything that determines its pixels.
 std::string cache_name(const std::string& description);
 
-// "path|size|time of change": differs as soon as the file does.
+// Returns "path|size|modification time", which changes when the file changes.
 std::string file_identity(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenCV (UBS_OPENCV=OFF): packed data sets are read, and what would decode images or videos
-// says what it needs.
+// This file replaces the functions that use OpenCV in a build without OpenCV (UBS_OPENCV=OFF). Such a build
+// can read packed data sets. The functions that would decode images or videos throw an error that says what
+// they need.
 #include <span>
 #include <vector>
 

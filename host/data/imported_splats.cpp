@@ -11,8 +11,9 @@
 namespace ubs {
 namespace {
 
-constexpr float kMaxLogScale = 40;  // e^40 = 2e17; its square still fits float32
-// As for data folders (load_dataset.cpp): the ratio of distance to size from which float32 rounds visibly.
+constexpr float kMaxLogScale = 40;  // e^40 = 2e17, whose square still fits into float32
+// Beyond this ratio of distance to size, float32 rounds visibly. load_dataset.cpp has the same limit for data
+// folders.
 constexpr double kFarSplats = 256;
 
 template <typename Array>
@@ -20,10 +21,10 @@ bool finite(const Array& values) {
   return std::ranges::all_of(values, [](float v) { return std::isfinite(v); });
 }
 
-// Why the splat cannot be shown; null when it can.
+// Returns why the splat cannot be rendered, or null if it can.
 const char* fault(const ImportedSplats& s, std::size_t i) {
   if (!finite(s.positions[i])) return "position not finite";
-  if (!std::ranges::all_of(s.log_scales[i], [](float v) { return v < kMaxLogScale; }))  // NaN is not
+  if (!std::ranges::all_of(s.log_scales[i], [](float v) { return v < kMaxLogScale; }))  // also false for NaN
     return "scale not finite or absurd";
   float norm = 0;
   for (const float q : s.rotations[i]) norm += q * q;
@@ -37,7 +38,7 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
   return nullptr;
 }
 
-// Adds harmonics that are zero.
+// Raises the degree by adding harmonics that are zero.
 void raise_degree(ImportedSplats& s, int degree) {
   const std::vector<float> old = std::move(s.sh);
   const std::size_t before = 3 * s.coefficients();
@@ -101,7 +102,7 @@ ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::siz
 }
 
 void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates) {
-  // Medians: a few splats far away, such as those of a sky, say nothing about where the scene is.
+  // Use medians, because a few distant splats, such as those of a sky, do not show where the scene is.
   std::array<double, 3> centre{};
   double distance = 0, size = 0;
   for (std::size_t k = 0; k < 3; ++k) {

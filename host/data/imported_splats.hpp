@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splats of other tools, as their files have them: positions, Gaussian (or, for DBS, support) axes,
-// rotations, opacities, spherical harmonics. What the importers read, what the writers of foreign formats
-// take, and all that an exact Gaussian + SH rasteriser would need.
+// ImportedSplats holds splats of other tools as their files store them: positions, axes (of the Gaussian, or
+// of the support for DBS), rotations, opacities and spherical harmonics. Importers return it and writers of
+// third-party formats take it. It has all that an exact rasteriser of Gaussians with spherical harmonics
+// would need.
 #pragma once
 
 #include <array>
@@ -25,8 +26,9 @@ struct ImportedSplats {
   std::vector<float> sh;
   int lobes = 0;          // spherical Beta lobes, 0 to 3
   std::vector<float> sb;  // [splat][field][lobe], six fields: raw r, g, b, theta, phi, beta (method.md 5.2)
-  std::vector<float> betas;               // raw b_x, kernel = 4 exp(b); empty for Gaussians
-  bool antialiased = false;               // trained with the 2D filter's opacity compensation
+  // Raw b_x, where the exponent of the kernel is 4 exp(b). Empty for Gaussians.
+  std::vector<float> betas;
+  bool antialiased = false;               // trained with the opacity compensation of the 2D filter
   std::array<double, 3> offset{0, 0, 0};  // world = local + offset
   LoadReport report;
 
@@ -35,31 +37,32 @@ struct ImportedSplats {
   std::size_t coefficients() const {
     return static_cast<std::size_t>(sh_degree + 1) * static_cast<std::size_t>(sh_degree + 1);
   }
-  void resize(std::size_t count);  // sets the size of every array from sh_degree, lobes and kernel
+  // Sets the size of every array from `count`, sh_degree, lobes and kernel.
+  void resize(std::size_t count);
 };
 
-inline constexpr float kMaxLogit = 16;  // sigmoid rounds to 1 in float32 beyond it
-// The log scale of a flat axis. A file may say -inf or any smaller number; e^-39 is 1e-17, whose square
-// float32 still holds, and the formulas raise it to their least share of the largest scale
+inline constexpr float kMaxLogit = 16;  // beyond it, sigmoid rounds to 1 in float32
+// Log scale of a flat axis. A file may contain -inf or any smaller number. e^-39 is 1e-17; its square still
+// fits into float32. The formulas raise such a scale to a minimum share of the largest scale
 // (kernels/limits.h).
 inline constexpr float kFlatLogScale = -39;
 inline constexpr double kShC0 = 0.28209479177387814;  // 1 / (2 sqrt(pi))
 
-// Adds splats of the same kernel and lobes behind these, and what was skipped and noted of them. The
-// harmonics get the higher of the two degrees.
+// Appends splats of the same kernel and number of lobes, and the entries of their report. The harmonics get
+// the higher of the two degrees.
 void append(ImportedSplats& splats, const ImportedSplats& more);
 
-// Keeps the splats from `first` on, `count` of them.
+// Returns `count` splats starting at `first`.
 ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::size_t count);
 
-// Sets the positions, one vector of coordinates an axis. Where they are so far from the origin that float32
-// would round them, they become relative to a whole-numbered offset, which is added to `splats.offset`, and a
-// note says so.
+// Sets the positions from one vector of coordinates per axis. If they are so far from the origin that float32
+// would round them, they are stored relative to an offset of whole numbers. The offset is added to
+// `splats.offset`, and a note says so.
 void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates);
 
-// Normalises the quaternions, limits the opacities, raises vanishing scales to kFlatLogScale (such splats are
-// discs), and drops splats that no renderer could show: non-finite values, zero quaternions, absurd scales.
-// Counted in the report.
+// Normalises the quaternions, clamps the opacities, and raises vanishing scales to kFlatLogScale, which makes
+// these splats discs. Drops splats that no renderer could show (non-finite values, zero quaternions, absurd
+// scales) and counts them in the report.
 void clean(ImportedSplats& splats);
 
 }  // namespace ubs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// gzip (zlib) and Zstandard with a limit on what comes out: a few kilobytes can promise gigabytes.
+// Compresses and decompresses data with gzip (zlib) and Zstandard. The output size is limited, because a few
+// kilobytes of compressed data can expand to gigabytes.
 #include <zlib.h>
 #include <zstd.h>
 
@@ -11,11 +12,12 @@
 namespace ubs {
 namespace {
 
-// Largest window; wrapped as zlib does, as gzip, not at all.
+// Largest window, with zlib's wrapping, with that of gzip, and without any.
 constexpr int kZlibWindow = 15, kGzipWindow = 15 + 16, kRawWindow = -15;
-constexpr std::size_t kBlock = std::size_t{1} << 20;  // by which what comes out grows
+constexpr std::size_t kBlock = std::size_t{1} << 20;  // the output grows in steps of this size
 
-// Gives zlib, which counts in 32 bits, the next piece of `rest` when it has used up the last one.
+// When zlib has used up its input, passes it the next chunk of `rest`. Chunks are needed because zlib counts
+// in 32 bits.
 void feed(z_stream& stream, std::span<const std::byte>& rest) {
   if (stream.avail_in > 0) return;
   const auto piece = rest.first(std::min(rest.size(), std::size_t{1} << 30));
@@ -33,7 +35,8 @@ struct Inflater {
   Inflater(const Inflater&) = delete;
 };
 
-// Of `start_only` data no more than `limit` bytes are looked at.
+// Decompresses at most `limit` bytes. If there is more output, returns its start if `start_only` is set,
+// otherwise throws.
 std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::size_t limit, int window,
                                       const std::string& name, bool start_only = false) {
   Inflater inflater(window, name);
@@ -105,7 +108,8 @@ std::vector<std::byte> deflate_runs(std::span<const std::byte> plain) {
 
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name) {
-  // The frame states its size; anything else than what the table of contents promises is refused first.
+  // The frame states its size. Refuse it before decompressing if this differs from the size in the table of
+  // contents.
   const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
     fail(ErrorKind::data, "{}: a Zstandard stream is damaged or has another size than the table says", name);

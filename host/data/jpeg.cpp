@@ -12,8 +12,9 @@
 namespace ubs {
 namespace {
 
-// A block of 64 samples takes one bit at least, and the most reduced chroma leaves 18 blocks for 1024 pixels:
-// no Huffman code gets beyond 456 pixels a byte. TurboJPEG allocates before it decodes.
+// Upper limit on pixels per byte, checked because TurboJPEG allocates memory before it decodes. A block of 64
+// samples takes at least one bit, and with the strongest chroma subsampling 1024 pixels have 18 blocks. So no
+// Huffman-coded file has more than 456 pixels per byte.
 constexpr std::size_t kMaxJpegPixelsPerByte = 1000;
 
 }  // namespace
@@ -33,8 +34,8 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   int width = 0, height = 0, subsampling = 0, colours = 0;
   const int read =
       tjDecompressHeader3(decoder.get(), bytes, file.size(), &width, &height, &subsampling, &colours);
-  // With a size, -1 means a warning, which tjDecompress2 repeats, or a subsampling that has no name in
-  // TurboJPEG, which it can decode.
+  // If a size was read, -1 means one of two things: a warning, which tjDecompress2 repeats, or a subsampling
+  // that TurboJPEG has no name for but can decode.
   if (width < 1) damaged(read == 0 ? "it holds no image" : tjGetErrorStr2(decoder.get()));
   const std::size_t count = std::size_t(width) * std::size_t(height);
   if (count / kMaxJpegPixelsPerByte > file.size())

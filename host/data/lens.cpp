@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // See lens.hpp. OpenCV has only two of these models (calib3d, fisheye) and puts the origin at the centre of
-// the first pixel, so all formulas are written here; tests compare them with pycolmap and with OpenCV.
+// the first pixel, so all formulas are implemented here. Tests compare them with pycolmap and with OpenCV.
 #include "host/data/lens.hpp"
 
 #include <fmt/ranges.h>
@@ -16,9 +16,9 @@ namespace {
 
 using Distort = PlanePoint (*)(const LensCoefficients& k, const PlanePoint& p);
 
-// Solves distort(k, p) = target by Newton's method with a numerical Jacobian; a step is halved while it does
-// not help. Where the polynomial folds (negative determinant), two positions would have the same image; such
-// a solution is refused.
+// Solves distort(k, p) = target by Newton's method with a numerical Jacobian. A step is halved until it
+// reduces the residual. Where the polynomial folds (negative determinant), two positions would have the same
+// image; such a solution is rejected.
 std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, const PlanePoint& target) {
   double x = target[0], y = target[1];
   constexpr double kStep = 1e-6;
@@ -51,7 +51,7 @@ std::optional<PlanePoint> invert(Distort distort, const LensCoefficients& k, con
   return PlanePoint{x, y};
 }
 
-// Lenses that distort the plane z = 1: they see only what is in front of the camera.
+// Lenses that distort the plane z = 1. They see only what is in front of the camera.
 template <Distort distort>
 std::optional<PlanePoint> project_plane(const LensCoefficients& k, const Ray& ray) {
   if (!(ray[2] > 0)) return std::nullopt;
@@ -66,12 +66,12 @@ std::optional<Ray> unproject_plane(const LensCoefficients& k, const PlanePoint& 
 }
 
 // Lenses that distort the equidistant image, in which the distance from the centre is the angle to the
-// optical axis. They see more than half of all directions if the angle of the formula reaches beyond 90
-// degrees.
+// optical axis. They see more than half of all directions if their formula is valid beyond 90 degrees.
 template <Distort distort>
 std::optional<PlanePoint> project_angle(const LensCoefficients& k, const Ray& ray) {
   const double r = std::hypot(ray[0], ray[1]);
-  if (r == 0 && !(ray[2] > 0)) return std::nullopt;  // straight back: every direction of the image
+  // The point is directly behind the camera: every direction of the image would fit.
+  if (r == 0 && !(ray[2] > 0)) return std::nullopt;
   const double ratio = r > 1e-12 * std::abs(ray[2]) ? std::atan2(r, ray[2]) / r : 1 / ray[2];
   return distort(k, {ratio * ray[0], ratio * ray[1]});
 }
@@ -86,7 +86,7 @@ std::optional<Ray> unproject_angle(const LensCoefficients& k, const PlanePoint& 
   return Ray{ratio * (*p)[0], ratio * (*p)[1], std::cos(angle)};
 }
 
-// k1 k2 p1 p2 k3 k4 k5 k6: rational radial distortion, and tangential.
+// Coefficients k1 k2 p1 p2 k3 k4 k5 k6: rational radial and tangential distortion.
 PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
   const auto [x, y] = p;
   const double r2 = x * x + y * y;
@@ -96,14 +96,14 @@ PlanePoint distort_opencv(const LensCoefficients& k, const PlanePoint& p) {
           y * radial + 2 * k[3] * x * y + k[2] * (r2 + 2 * y * y)};
 }
 
-// k1 k2 k3 k4
+// Coefficients k1 k2 k3 k4.
 PlanePoint distort_fisheye(const LensCoefficients& k, const PlanePoint& p) {
   const double t2 = p[0] * p[0] + p[1] * p[1];
   const double ratio = 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])));
   return {p[0] * ratio, p[1] * ratio};
 }
 
-// k1 k2 p1 p2 k3 k4 sx1 sy1
+// Coefficients k1 k2 p1 p2 k3 k4 sx1 sy1.
 PlanePoint distort_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
   const auto [u, v] = p;
   const double r2 = u * u + v * v, radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
@@ -111,7 +111,8 @@ PlanePoint distort_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
           v + v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2};
 }
 
-// k0 .. k5 p0 p1 s0 .. s3: the tangential and prism terms apply to the radially distorted position.
+// Coefficients k0 .. k5 p0 p1 s0 .. s3. The tangential and prism terms apply to the radially distorted
+// position.
 PlanePoint distort_rad_tan_thin_prism(const LensCoefficients& k, const PlanePoint& p) {
   const double t2 = p[0] * p[0] + p[1] * p[1];
   double radial = 0;
@@ -121,7 +122,7 @@ PlanePoint distort_rad_tan_thin_prism(const LensCoefficients& k, const PlanePoin
           v + (2 * v * v + r2) * k[7] + 2 * u * v * k[6] + r2 * (k[10] + r2 * k[11])};
 }
 
-// omega: the distorted radius is atan(2 r tan(omega / 2)) / omega.
+// Coefficient omega: the distorted radius is atan(2 r tan(omega / 2)) / omega.
 std::optional<PlanePoint> project_fov(const LensCoefficients& k, const Ray& ray) {
   if (!(ray[2] > 0)) return std::nullopt;
   const double omega = k[0], x = ray[0] / ray[2], y = ray[1] / ray[2], r = std::hypot(x, y);
@@ -140,9 +141,9 @@ std::optional<Ray> unproject_fov(const LensCoefficients& k, const PlanePoint& po
   return Ray{position[0] * ratio, position[1] * ratio, 1};
 }
 
-// k: the ray of the distorted position p is (p, 1 + k |p|^2). With p = s (x, y) this is a quadratic equation
-// for s; of its two solutions the one that tends to 1/z for small k is the image. Negative k reach beyond 90
-// degrees.
+// Coefficient k: the ray of the distorted position p is (p, 1 + k |p|^2). With p = s (x, y) this is a
+// quadratic equation for s; of its two solutions the one that tends to 1/z for small k is the image. Negative
+// k reach beyond 90 degrees.
 std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double discriminant = z * z - 4 * k[0] * (x * x + y * y);
@@ -154,13 +155,14 @@ std::optional<PlanePoint> project_division(const LensCoefficients& k, const Ray&
 
 std::optional<Ray> unproject_division(const LensCoefficients& k, const PlanePoint& p) {
   const double bend = k[0] * (p[0] * p[0] + p[1] * p[1]);
-  if (!(bend < 1)) return std::nullopt;  // beyond the largest image radius of positive k: the other solution
+  // For positive k, positions beyond the largest image radius belong to the other solution.
+  if (!(bend < 1)) return std::nullopt;
   return Ray{p[0], p[1], 1 + bend};
 }
 
-// alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
-// d^2 = beta (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest, for smaller
-// alpha where the denominator is 0; both are z = -w d.
+// Coefficients alpha beta (extended unified camera model): position = (x, y) / (alpha d + (1 - alpha) z) with
+// d^2 = beta (x^2 + y^2) + z^2. For alpha > 1/2 the image ends where the position is largest; for smaller
+// alpha it ends where the denominator is 0. In both cases this is the cone z = -w d.
 std::optional<PlanePoint> project_eucm(const LensCoefficients& k, const Ray& ray) {
   const auto [x, y, z] = ray;
   const double alpha = k[0], d = std::sqrt(k[1] * (x * x + y * y) + z * z);
@@ -177,7 +179,7 @@ std::optional<Ray> unproject_eucm(const LensCoefficients& k, const PlanePoint& p
   return Ray{p[0], p[1], (1 - alpha * alpha * br2) / (alpha * std::sqrt(square) + 1 - alpha)};
 }
 
-// Longitude and latitude (down is positive), in radians; the centre looks forward.
+// Longitude and latitude (positive downwards), in radians. The image centre is the forward direction.
 std::optional<PlanePoint> project_equirectangular(const LensCoefficients&, const Ray& ray) {
   return PlanePoint{std::atan2(ray[0], ray[2]), std::atan2(ray[1], std::hypot(ray[0], ray[2]))};
 }
@@ -203,8 +205,8 @@ constexpr LensFormula kDivision{"k", project_division, unproject_division, 1};
 constexpr LensFormula kEucm{"alpha beta", project_eucm, unproject_eucm, 1};
 constexpr LensFormula kEquirectangular{"", project_equirectangular, unproject_equirectangular, -1, true};
 
-// A new model needs a row, and a formula above unless it shares one. nerfstudio reads k1 k2 p1 p2 k3 for all
-// of its perspective cameras, and k1 to k4 for all of its fisheyes.
+// A new model needs a row here, and a formula above unless it shares one. The extra coefficients follow
+// nerfstudio, which reads k1 k2 p1 p2 k3 for all its perspective cameras and k1 to k4 for all its fisheyes.
 constexpr std::string_view kPerspective = "k1 k2 p1 p2 k3", kFisheyeExtra = "k1 k2 k3 k4";
 constexpr LensModel kModels[] = {
     {0, "SIMPLE_PINHOLE", "", "f cx cy", kPerspective, &kOpencv},
@@ -263,7 +265,7 @@ Lens Lens::scaled_to(int new_width, int new_height) const {
 }
 
 bool Lens::set(std::string_view parameter, double value) {
-  // An equirectangular image states its size in pixels: 360 degrees across, 180 degrees down.
+  // The size of an equirectangular image in pixels covers 360 degrees across and 180 degrees down.
   if (parameter == "w") {
     fx = value / (2 * std::numbers::pi), cx = value / 2;
   } else if (parameter == "h") {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The camera models of COLMAP and nerfstudio: one table with their numbers, names, parameters, projections
-// and inverses, and the resampling of a distorted image to an ideal pinhole camera of the same focal length.
-// The rasteriser supports pinhole cameras only.
+// lens_models() is the table of the camera models of COLMAP and nerfstudio: their numbers, names and
+// parameters, and their projections with inverses. They are used to resample a distorted image to an ideal
+// pinhole camera of the same focal length, because the rasteriser supports only pinhole cameras.
 #pragma once
 
 #include <array>
@@ -22,20 +22,21 @@ using LensCoefficients = std::array<double, 12>;
 // the focal length; rays may have any length.
 struct LensFormula {
   std::string_view coefficients;  // names in the order of Lens::k, separated by blanks
-  // nullopt: the lens maps no position to this ray, or the formula is not defined for it.
+  // nullopt if the lens maps no position to this ray, or if the formula is not defined for it.
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  int zero_for_pinhole;         // a pinhole camera where so many first coefficients are 0; -1: never
-  bool all_directions = false;  // the image shows every direction, and its left and right borders meet
+  // The camera is a pinhole camera if this many first coefficients are 0; -1: it never is.
+  int zero_for_pinhole;
+  bool all_directions = false;  // the image shows all directions, and its left and right borders meet
 };
 
 // LensModel is a row of the table of camera models.
 struct LensModel {
-  int number;                     // in COLMAP's binary files
-  std::string_view name;          // in COLMAP's files, and in transforms.json in any case
+  int number;                     // number in COLMAP's binary files
+  std::string_view name;          // name in COLMAP's files, and in transforms.json in any case
   std::string_view json_aliases;  // further names in transforms.json, separated by blanks
   std::string_view parameters;    // in COLMAP's order: f (both focal lengths), fx fy cx cy, w h, coefficients
-  std::string_view json_extra;    // coefficients that a transforms.json may have as well
+  std::string_view json_extra;    // coefficients that transforms.json may also have
   const LensFormula* formula;
 };
 
@@ -48,24 +49,25 @@ struct Lens {
   bool operator==(const Lens&) const = default;
   bool distorted() const;  // false: an ideal pinhole camera
   Lens scaled_to(int new_width, int new_height) const;
-  // Sets a parameter by its name in the table; false where the lens has none of this name.
+  // Sets a parameter by its name in the table. Returns false if the lens has no parameter of this name.
   bool set(std::string_view parameter, double value);
 };
 
-// The table: camera models 0 to 17 of COLMAP 4.
+// Returns the table: camera models 0 to 17 of COLMAP 4.
 std::span<const LensModel> lens_models();
-// "number NAME, number NAME, ...", for messages.
+// Returns "number NAME, number NAME, ...", for messages.
 std::string known_lens_models();
-std::vector<std::string_view> words_of(std::string_view names);  // separated by blanks
+// Splits names that are separated by blanks.
+std::vector<std::string_view> words_of(std::string_view names);
 
-// Throws Error(data) that starts with `where` unless the focal lengths are positive and the coefficients are
-// in the domain of the formula.
+// Throws Error(data) whose message starts with `where` unless the focal lengths are positive and the
+// coefficients are in the domain of the formula.
 void check_lens(const Lens& lens, const std::string& where);
 
-// Returns the pixel position that sees `ray`; nullopt where the lens does not see it.
+// Returns the pixel position that sees `ray`; nullopt if the lens does not see it.
 std::optional<PlanePoint> project_ray(const Lens& lens, const Ray& ray);
-// Returns the ray, of any length, that a pixel position sees. nullopt where no ray was found: outside of the
-// image circle, or where the polynomial of the lens folds.
+// Returns the ray, of any length, that a pixel position sees. Returns nullopt if no ray was found: outside of
+// the image circle, or where the polynomial of the lens folds.
 std::optional<Ray> pixel_ray(const Lens& lens, double column, double row);
 
 }  // namespace ubs

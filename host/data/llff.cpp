@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// LLFF folders (poses_bounds.npy + images/, one row per image) and N3V folders (poses_bounds.npy + one
-// video or one folder of frames per camera, one row per camera; test = the first camera).
+// load_llff() loads LLFF folders (poses_bounds.npy + images/, one row per image) and N3V folders
+// (poses_bounds.npy + one video or one folder of frames per camera, one row per camera). The test view of an
+// N3V folder is the first camera.
 //
-// A row is a 3x5 matrix, row-major, and the depth bounds: columns down, right, back, position in the
-// world, and (height, width, focal length) of the full-size images.
+// A row consists of a 3x5 matrix, row-major, and the depth bounds. The columns of the matrix are the
+// directions down, right and back, the position in the world, and (height, width, focal length) of the
+// full-size images.
 #include <algorithm>
 #include <map>
 
@@ -28,7 +30,7 @@ struct Row {
   Camera camera;  // pose only
   Lens lens;
   std::array<double, 2> bounds{};
-  std::string where;  // starts messages
+  std::string where;  // starts error messages
 };
 
 Row parse_row(const double* row, const std::string& where) {
@@ -86,7 +88,7 @@ std::vector<fs::path> sorted_entries(const fs::path& folder, bool (*accept)(cons
   return found;
 }
 
-// What one camera saw over time: frames of a video, or files.
+// The images of one camera over time: frames of a video, or files.
 struct Sequence {
   fs::path path;
   std::shared_ptr<VideoFile> video;
@@ -94,7 +96,8 @@ struct Sequence {
   int frames() const { return video ? video_frames(*video) : static_cast<int>(files.size()); }
 };
 
-// Frames of every camera. Cameras that stop sooner than others would fall out of step.
+// Returns the frames to use from every camera. Frames that the shortest sequence does not have are left out
+// for all cameras, so that the cameras stay synchronous.
 std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const DatasetOptions& options,
                                LoadReport& report) {
   const auto [least, most] = std::ranges::minmax_element(cameras, {}, &Sequence::frames);
@@ -145,12 +148,13 @@ LoadedScene load_static(const fs::path& images, const std::vector<Row>& rows, co
   return scene;
 }
 
-// Views of one camera over time.
+// Adds the views of one camera over time.
 void add_video(std::vector<View>& views, const Sequence& sequence, const std::vector<int>& frames,
                const Row& row, const DatasetOptions& options, LoadReport& report) {
   const ImageSize size = video_size(*sequence.video);
   View prototype;
-  // The frames have one size; attach_image cannot read it from a file, so it gets the lens at that size.
+  // All frames of a video have the same size. attach_image cannot read it from a file, so the lens is scaled
+  // to it.
   attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
   prototype.opaque = true;
   prototype.camera.rotation = row.camera.rotation, prototype.camera.translation = row.camera.translation;
@@ -225,20 +229,20 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   auto videos = sorted_entries(folder, is_video);
-  // A video beside images may be a walk through the scene.
+  // Next to images, a video may be a walk through the scene.
   const bool ignores_videos = videos.size() != rows.size() && is_folder(images);
   const std::size_t ignored = ignores_videos ? videos.size() : 0;
   if (ignores_videos) videos.clear();
   const auto folders = videos.empty() ? sorted_entries(folder, is_camera_folder) : std::vector<fs::path>{};
   LoadedScene scene;
-  NamedFiles files(root, folder);  // for masks, and for what the folder holds beside
+  NamedFiles files(root, folder);  // finds masks, and reports unused files in the folder
   if (!videos.empty()) {
     scene = load_dynamic(folder, videos, true, rows, root, options);
   } else if (!folders.empty()) {
     scene = load_dynamic(folder, folders, false, rows, root, options);
   } else {
     refuse_unused(options, "LLFF", "--images --test-every");
-    if (options.read.images != "auto") root.add(images);  // the user's word
+    if (options.read.images != "auto") root.add(images);  // named by the user
     scene = load_static(images, rows, root, files, options);
   }
   for (const Split& split : scene.splits)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See dataset.hpp.
+// See load_dataset.hpp.
 #include "host/data/load_dataset.hpp"
 
 #include <fmt/ranges.h>
@@ -27,8 +27,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Beyond this ratio of distance to extent, coordinates are made local: a float32 coordinate resolves
-// 2^-24 of its size, at 256 extents 1.5e-5 of the extent, or about a fiftieth of a pixel.
+// Beyond this ratio of distance to extent, coordinates are stored relative to an offset. A float32 coordinate
+// resolves 2^-24 of its size; at 256 extents this is 1.5e-5 of the extent, or about a fiftieth of a pixel.
 constexpr double kFarFromOrigin = 256;
 
 constexpr const char* kSplits[] = {"train", "test", "val"};
@@ -62,7 +62,7 @@ std::vector<std::array<double, 3>> centres_of(const Split& split) {
   return centres;
 }
 
-// The rounded mean of the cameras where they are far from the origin, else zero.
+// Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero.
 std::array<double, 3> choose_offset(const Split& split) {
   std::array<double, 3> mean{};
   for (const auto& c : centres_of(split))
@@ -85,7 +85,8 @@ const Split* Dataset::find(const std::string& split) const {
   return it == splits.end() ? nullptr : &*it;
 }
 
-// p_cam = R (local + from) + ... : moving the origin by `to - from` moves the translation by R (to - from).
+// p_cam = R (local + from) + ..., so moving the origin by `to - from` changes the translation by R (to -
+// from).
 void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to) {
   for (View& view : views)
     for (std::size_t r = 0; r < 3; ++r)
@@ -113,7 +114,7 @@ bool has_image_extension(const fs::path& path) {
 std::vector<fs::path> pictures_in(const fs::path& folder) {
   std::vector<fs::path> pictures;
   if (!is_folder(folder)) return pictures;
-  for (const fs::path& file : folder_entries(folder))  // hidden ones are of macOS and hold no pixels
+  for (const fs::path& file : folder_entries(folder))  // hidden files are written by macOS and hold no pixels
     if (!file.filename().string().starts_with('.') && has_image_extension(file) && is_regular(file))
       pictures.push_back(file);
   return pictures;
@@ -132,18 +133,19 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
 
 namespace {
 
-// A layout of data folders. A new one needs its loader, a row, and a section of docs/data.md.
+// A layout of data folders. A new one needs a loader, a row in the table, and a section in docs/data.md.
 struct Layout {
   std::string_view name;
   bool (*recognise)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
-  std::string_view has;  // what it is recognised by, for messages
-  std::string_view
-      used;  // which of --images, --test-every and --frames; unless the loader refuses the others itself
+  std::string_view has;  // files by which it is recognised, for messages
+  // Those of --images, --test-every and --frames that the loader uses. Empty if the loader refuses unused
+  // ones itself.
+  std::string_view used;
   bool refuses_itself = false;
 };
 
-// In the order in which they are tried.
+// The layouts, in the order in which they are tried.
 constexpr Layout kLayouts[] = {
     {"packed", is_packed, load_packed, "a file of ubs pack", "", true},
     {"blender",
@@ -170,7 +172,8 @@ const Layout& layout_named(std::string_view name) {
   fail(ErrorKind::usage, "layout '{}' is not known: {}", name, fmt::join(names, ", "));
 }
 
-// A folder may hold transforms files of other names, such as transforms_colmap.json: those with frames.
+// Throws an error that names the JSON files with frames in the folder, such as transforms_colmap.json.
+// Returns if there are none.
 void name_transforms_files(const fs::path& folder) {
   std::vector<std::string> names;
   for (const fs::path& file : folder_entries(folder))
@@ -272,7 +275,8 @@ void decode_images(Dataset& data, const DatasetOptions& options) {
                                  pending.size(), bytes >> 20, options.read.image_cache_mb));
     return;
   }
-  // Of one video only one frame at a time is decoded: neighbours come from different ones.
+  // Only one frame of a video can be decoded at a time. Sorting by time makes neighbours in the list come
+  // from different videos, so that threads do not wait for each other.
   std::ranges::stable_sort(pending, {}, [](const View* view) { return view->camera.time; });
   parallel_for(pending.size(), [&](std::size_t i) {
     pending[i]->image = pending[i]->source->load();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a data set of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP,
-// LLFF / N3V, packed file. Recognised by what the folder holds; every decision taken is in the report.
+// Opens a data set of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP, LLFF /
+// N3V, packed file. The layout is recognised by the files in the folder. The report lists every decision that
+// the loader made.
 #pragma once
 
 #include <array>
@@ -20,62 +21,65 @@ namespace ubs {
 
 struct DatasetOptions {
   ReadSettings read;
-  std::array<double, 3> background{0, 0, 0};  // that transparent pixels are composited on
+  std::array<double, 3> background{0, 0, 0};  // transparent pixels are composited on it
   bool load_images = true;                    // false: cameras only
-  std::vector<std::string> image_splits;      // splits whose images are wanted; empty: all
+  std::vector<std::string> image_splits;      // splits whose images are needed; empty: all
   bool operator==(const DatasetOptions&) const = default;
 };
 
 struct Dataset {
-  std::vector<Split> splits;  // train, test, val, as far as they exist; names of views: view_names.hpp
+  std::vector<Split> splits;  // train, test and val, if present; view names: view_names.hpp
   std::optional<PointCloud> points;
-  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, where stated
+  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, if the data state them
   std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
   LoadReport report;
 
   const Split* find(const std::string& split) const;
 };
 
-// What the loader of one layout delivers: world coordinates less `offset`, images as sources.
+// Result of the loader of one layout: world coordinates minus `offset`, and images as sources.
 struct LoadedScene {
   std::vector<Split> splits;
   std::optional<WorldPoints> points;
-  std::array<double, 3> offset{0, 0, 0};  // where the file has been made local before
+  std::array<double, 3> offset{0, 0, 0};  // not zero if the file already stores local coordinates
   std::vector<std::array<double, 2>> depth_bounds;
   LoadReport report;
 };
 
-// Reads the points of a file that is in the folder by its name alone. Random ones are left out, with a note.
+// Reads points from a file that was found only by its name. If the points are random they are not used, and a
+// note says so.
 void take_points(const std::filesystem::path& file, LoadedScene& scene);
 
-// By its name: png, jpg, ...
+// Returns whether the file name has an image extension: png, jpg, ...
 bool has_image_extension(const std::filesystem::path& path);
-// The pictures in a folder, sorted, not below it; empty where there is no folder.
+// Returns the image files in a folder, sorted, without those in subfolders. Returns nothing if the folder
+// does not exist.
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
 
-// The layout that `path` would be opened as; an error that lists what was looked for when there is none.
+// Returns the layout that `path` would be opened as. Throws an error that lists the files looked for if no
+// layout fits.
 std::string detect_layout(const std::filesystem::path& path);
 
-// Opens the data. The images of all splits stay sources, which are not decoded yet.
+// Opens the data without decoding images: the images of all splits stay sources.
 Dataset open_undecoded(const std::filesystem::path& path, const DatasetOptions& options);
 // Decodes the images of options.image_splits if they fit the cache; otherwise they stay sources. Images of
 // other splits are dropped.
 void decode_images(Dataset& data, const DatasetOptions& options);
-// open_undecoded() and decode_images().
+// Calls open_undecoded() and decode_images().
 Dataset load_dataset(const std::filesystem::path& path, const DatasetOptions& options = {});
 
 LoadedScene load_nerfstudio(const std::filesystem::path& path, const DatasetOptions& options);
 LoadedScene load_colmap(const std::filesystem::path& folder, const DatasetOptions& options);
 LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions& options);
-// Background and reduction are those the file was packed with: asking for others is an error.
+// The background and the reduction are those the file was packed with; requesting others is an error.
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
-// Error(usage) where one of --images, --test-every and --frames that is not among `used` has another value
-// than usual and would be ignored. Not for packed files: settings of a run are used with a packed copy of its
-// data.
+// Throws Error(usage) if one of --images, --test-every and --frames is not listed in `used` and is set to
+// another value than its default, because it would be ignored. Not called for packed files, because the
+// settings of a run are also used with a packed copy of its data.
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);
 
-// Moves cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).
+// Converts cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).
 void rebase(std::vector<View>& views, const std::array<double, 3>& from, const std::array<double, 3>& to);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a loader found, left out and decided on its own, for the end of its work: printed by the tools
-// and kept in their JSON.
+// LoadReport lists what a loader found, skipped and decided on its own. The tools print it and store it in
+// their JSON output.
 #pragma once
 
 #include <cstddef>
@@ -16,16 +16,18 @@ struct LoadReport {
   struct Skipped {
     std::string why;
     std::size_t count = 0;
-    std::vector<std::string> examples;  // the first few
+    std::vector<std::string> examples;  // the first few names
   };
 
   std::string layout, folder;
   std::vector<Skipped> skipped;
-  std::vector<std::string> notes;                   // each once
-  std::vector<std::string> differences;             // those of the notes that every command prints
-  std::map<std::int64_t, std::string> undistorted;  // by pixels, of the smallest and the largest result
+  std::vector<std::string> notes;        // without duplicates
+  std::vector<std::string> differences;  // the notes that every command prints
+  // Descriptions of undistorted images of the smallest and the largest size, by number of pixels.
+  std::map<std::int64_t, std::string> undistorted;
 
-  std::size_t wide_images = 0, wide_views = 0;  // images that became several views, and these views
+  // Number of images that became several views, and number of these views
+  std::size_t wide_images = 0, wide_views = 0;
 
   void skip(const std::string& what, const std::string& why) { add({why, 1, {what}}); }
 
@@ -52,7 +54,8 @@ struct LoadReport {
     notes.push_back(text);
   }
 
-  // For what is left out or taken from another place than stated: every command that opens the data says it.
+  // Adds a note about data that were skipped or taken from another place than stated. Every command that
+  // opens the data prints it.
   void note_difference(const std::string& text) {
     note(text);
     for (const std::string& known : differences)

@@ -15,13 +15,13 @@ namespace {
 
 constexpr std::string_view kDrawn = "ubs_drawn ", kLens = "ubs_lens ", kCamera = "ubs_camera ";
 
-// So many numbers and nothing else.
+// Returns the numbers of a comment. Throws unless there are exactly `count` numbers and nothing else.
 std::vector<double> numbers(const std::string& comment, std::string_view words, std::size_t count,
                             const std::string& name) {
   std::istringstream stream(comment.substr(words.size()));
   std::vector<double> values;
   for (std::string word; stream >> word;) {
-    // Not strtod: a program that uses the library may have set a locale with decimal commas.
+    // Not strtod(): a program that uses the library may have set a locale with decimal commas.
     const char* const end = word.data() + word.size();
     double& value = values.emplace_back();
     const auto result = std::from_chars(word.data(), end, value);

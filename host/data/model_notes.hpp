@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the header of a model file of ours says beside the splats: how the model wants to be drawn, and from
-// where its images were taken. Comment lines that other readers, the published one too, skip:
+// ModelNotes is the information in the header of a ubs model file besides the splats: settings for rendering
+// the model, and some training cameras. It is stored in comment lines, which other readers, including the
+// published one, skip:
 //   ubs_drawn background=1,1,1 alpha_min=0 ...
 //   ubs_lens WIDTH HEIGHT FX FY
 //   ubs_camera QW QX QY QZ X Y Z TIME       world to camera, position in the coordinates of the model
@@ -18,18 +19,19 @@ namespace ubs {
 
 struct ModelNotes {
   std::vector<std::pair<std::string, std::string>>
-      drawing;                  // settings (kOfDrawing) and their values as --set has them
-  std::vector<Camera> cameras;  // some of those that the model was learnt from, in their order
+      // Settings (kOfDrawing) with their values as text in the form of --set.
+      drawing;
+  std::vector<Camera> cameras;  // some of the training cameras, in their order
 };
 
 inline constexpr std::size_t kNotedCameras = 12;  // about 100 numbers
 
-// `cameras`: all of them; evenly spaced ones are taken.
+// `cameras`: all training cameras; evenly spaced ones are selected.
 ModelNotes make_notes(std::vector<std::pair<std::string, std::string>> drawing,
                       std::span<const Camera> cameras);
 std::vector<std::string> comments_of(const ModelNotes& notes);
-// From the comments of a header; what is not there stays empty, and a key that is none of ours is left out.
-// Throws Error(data) that starts with `name` for lines that are not as above.
+// Parses the comments of a header. Values that are not there stay empty, and unknown keys are skipped. Throws
+// Error(data) whose message starts with `name` for lines that do not have the form above.
 ModelNotes notes_of(std::span<const std::string> comments, const std::string& name);
 
 }  // namespace ubs

@@ -12,8 +12,9 @@
 namespace ubs {
 namespace {
 
-// Pairs of a letter and the same letter with the accent before them, from the Unicode database (canonical
-// decompositions of the Latin, Greek, Cyrillic and Japanese letters). Korean syllables are computed.
+// Pairs of a letter and the same letter with the given accent, from the Unicode database (canonical
+// decompositions of the Latin, Greek, Cyrillic and Japanese letters). The decomposition of Korean syllables
+// is computed.
 struct AccentRow {
   char32_t accent;
   std::u16string_view pairs;
@@ -89,7 +90,7 @@ const std::unordered_map<char32_t, Decomposed>& decompositions() {
   return table;
 }
 
-// Capitals of ASCII, Greek and Cyrillic; those of accented letters have been decomposed before.
+// Converts ASCII, Greek and Cyrillic capitals to lower case. Accented letters have been decomposed before.
 char32_t small_letter(char32_t c) {
   if (c >= U'A' && c <= U'Z') return c + 32;
   if (c >= 0x391 && c <= 0x3a9) return c + 32;
@@ -114,7 +115,8 @@ void put_utf8(std::string& text, char32_t c) {
   }
 }
 
-// The Unicode standard, 3.12: a syllable is a leading consonant, a vowel and perhaps a trailing consonant.
+// Appends the canonical decomposition. Unicode standard, 3.12: a Korean syllable is a leading consonant, a
+// vowel and optionally a trailing consonant.
 void put_decomposed(std::string& text, char32_t c) {
   constexpr char32_t kSyllables = 0xac00, kVowels = 21, kTrails = 28, kLast = 0xd7a3;
   if (c >= kSyllables && c <= kLast) {
@@ -143,7 +145,8 @@ std::string_view extension_of(std::string_view name) {
   return dot == std::string_view::npos || dot == 0 ? std::string_view() : name.substr(dot);
 }
 
-// Of a folded last component: without the extension of an image, which may be another one on the disk.
+// Returns a folded file name without its image extension, because the file on disk may have another image
+// extension.
 std::string_view stem_of(std::string_view name) {
   return has_picture_extension(name) ? name.substr(0, name.size() - extension_of(name).size()) : name;
 }
@@ -153,7 +156,7 @@ std::string last_component(std::string_view path) {
   return parts.empty() ? std::string() : parts.back();
 }
 
-// How many letters have to be put in, taken out or replaced.
+// Returns the number of letters that must be inserted, removed or replaced.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   for (std::size_t j = 0; j < row.size(); ++j) row[j] = j;
@@ -238,7 +241,7 @@ std::optional<NameIndex::Match> NameIndex::best(std::string_view path,
   std::size_t equals = 0;
   for (const std::size_t number : candidates) {
     const std::vector<std::string>& parts = entries_[number].folded;
-    std::size_t alike = 1;  // the last components agree but for the extension
+    std::size_t alike = 1;  // the last components are equal except for the extension
     while (alike < std::min(parts.size(), wanted.size()) &&
            parts[parts.size() - 1 - alike] == wanted[wanted.size() - 1 - alike])
       ++alike;
@@ -254,7 +257,8 @@ std::optional<NameIndex::Match> NameIndex::best(std::string_view path,
 std::string NameIndex::nearest(std::string_view path) const {
   const std::string wanted = last_component(folded_name(path));
   std::string result;
-  std::size_t least = std::max<std::size_t>(wanted.size() / 2, 2) + 1;  // farther ones are other names
+  // Paths with more changes count as different names.
+  std::size_t least = std::max<std::size_t>(wanted.size() / 2, 2) + 1;
   for (const Entry& entry : entries_) {
     if (entry.folded.empty()) continue;
     const std::string& name = entry.folded.back();

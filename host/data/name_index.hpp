@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// NameIndex finds a path that a data set states among paths that are there, where the two differ as paths of
-// other machines and systems do: in capitals, in the Unicode form of accents (macOS decomposes them), in the
-// separator of folders, in the extension of an image, and in the folders above. It touches no files.
+// NameIndex finds the file that a data set names, even if the stated path differs from the actual path in
+// ways that are usual between machines and systems: in capitals, in the Unicode form of accents (macOS
+// decomposes them), in the folder separator, in the image extension, or in the parent folders. It compares
+// paths only and does not access files.
 #pragma once
 
 #include <cstddef>
@@ -13,30 +14,30 @@
 
 namespace ubs {
 
-// Returns the name with capitals made small, accents as separate characters (Unicode NFD) and backslashes as
-// slashes: names that a person reads as the same have the same folded form.
+// Returns the name in lower case, with accents as separate characters (Unicode NFD) and with slashes instead
+// of backslashes. Names that look the same to a person have the same folded form.
 std::string folded_name(std::string_view name);
 
-// Returns the components of a path in which slashes and backslashes separate folders. A drive, "." and empty
-// components are left out, ".." takes away the component before it.
+// Returns the components of a path; slashes and backslashes separate folders. Drives, "." and empty
+// components are skipped, and ".." removes the component before it.
 std::vector<std::string> path_components(std::string_view path);
 
-// Returns whether the extension is one of an image, also of formats that are not supported: the error names
-// those.
+// Returns whether the file name has an image extension. Extensions of unsupported formats count too, because
+// the error message for them names the format.
 bool has_picture_extension(std::string_view name);
 
 class NameIndex {
  public:
-  // `path` is relative and has slashes. Its number is the count of those added before.
+  // Adds a path, which must be relative and contain slashes. Its number is the count of paths added before.
   void add(const std::string& path);
 
   struct Match {
     std::size_t number = 0;
-    bool whole = false;  // every component agrees; otherwise the end of the path alone
+    bool whole = false;  // all components agree; otherwise only the end of the path agrees
   };
-  // Returns the path that agrees with `path` in the most components, counted from the end, if there is
-  // exactly one such path. Among equals, first the extension decides and then the spelling. `accept` limits
-  // the search to some numbers.
+  // Returns the path that agrees with `path` in the largest number of components, counted from the end, if
+  // there is exactly one such path. If several paths agree equally well, one with the same extension is
+  // preferred, then one with the same spelling. `accept` restricts the search to some numbers.
   template <typename Accept>
   std::optional<Match> find(std::string_view path, const Accept& accept) const {
     std::vector<std::size_t> candidates;
@@ -47,7 +48,8 @@ class NameIndex {
 
   // Returns how many paths agree with `path` in the last component, without its extension.
   std::size_t count_alike(std::string_view path) const { return same_stem(path).size(); }
-  // Returns the path whose last component needs the fewest changes of a letter; empty where none is near.
+  // Returns the path whose last component differs from that of `path` in the fewest letters; an empty string
+  // if none is similar.
   std::string nearest(std::string_view path) const;
 
   const std::string& path(std::size_t number) const { return entries_[number].path; }

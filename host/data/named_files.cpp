@@ -20,7 +20,8 @@ constexpr const char* kKindNames[] = {"images", "masks", "files of points"};
 
 bool is_mask_folder(std::string_view folded) { return folded == "mask" || folded == "masks"; }
 
-// Of folded components: the last one is the file.
+// Returns whether one of the folders is a mask folder. `parts` are the folded components of a path; the last
+// one is the file.
 bool below_mask_folder(const std::vector<std::string>& parts) {
   return std::any_of(parts.begin(), parts.end() - 1, [](const std::string& p) { return is_mask_folder(p); });
 }
@@ -35,14 +36,14 @@ bool is_absolute_name(const std::string& name) {
   return name.starts_with('/') || name.starts_with('\\') || (name.size() > 1 && name[1] == ':');
 }
 
-// Returns whether `path` is `folder` or below it, by their names.
+// Returns whether `path` is `folder` or below it. Compares only the names.
 bool is_below(const fs::path& path, const fs::path& folder) {
   const fs::path relative = path.lexically_relative(folder);
   return !relative.empty() && *relative.begin() != "..";
 }
 
-// The names that fit one file. A name that agrees with the whole path wins over names that agree with its
-// end; of two equal claims none wins.
+// The names that match one file. A name that agrees with the whole path wins over names that agree only with
+// the end of the path. If two names match equally well, none of them wins.
 struct Claims {
   std::set<std::string> whole, end;
   void add(const std::string& name, bool is_whole) { (is_whole ? whole : end).insert(name); }
@@ -52,7 +53,8 @@ struct Claims {
   }
 };
 
-// Published files leave the extension out and mean .png ("r_0.5" has none either).
+// Returns the file with exactly this name, or an empty path. Published data sets leave out the extension and
+// mean .png ("r_0.5" has no extension either).
 fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::Kind kind) {
   const fs::path path = (base / name).lexically_normal();
   if (kind == NamedFiles::Kind::image && !has_picture_extension(path.filename().string()))
@@ -61,8 +63,8 @@ fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::K
   return is_regular(path) ? path : fs::path();
 }
 
-// All files below the folder but hidden ones. Links to folders are followed where they stay inside; what
-// cannot be looked at, such as a loop of links, holds no files.
+// Lists all files below the folder except hidden ones. Links to folders are followed if they stay inside the
+// data folder. Folders that cannot be read, such as loops of links, count as empty.
 void list_below(const fs::path& folder, const DataRoot& root, std::set<std::string>& visited,
                 std::vector<fs::path>& files) {
   try {
@@ -75,11 +77,13 @@ void list_below(const fs::path& folder, const DataRoot& root, std::set<std::stri
       else
         list_below(entry, root, visited, files);
     }
-  } catch (const Error&) {  // looking for files by other names is an offer: the missing name is the error
+    // The search for other names is optional. If it fails, the caller reports the missing name.
+  } catch (const Error&) {
   }
 }
 
-// The name of a mask without what makes it one: "a.jpg.png", "a_mask.png" and "a.png" are masks of "a".
+// Returns the name of the image that a mask belongs to: "a.jpg.png", "a_mask.png" and "a.png" are masks of
+// "a".
 std::string masked_name(std::string name) {
   while (has_picture_extension(name)) name.erase(name.rfind('.'));
   for (const std::string_view suffix : {"_masks", "_mask", "-mask", ".mask"})
@@ -121,7 +125,7 @@ std::vector<fs::path> NamedFiles::find(const fs::path& stated_base, const std::v
                                        Kind kind, bool only_base) {
   const fs::path base = stated_base.empty() ? fs::path(".") : stated_base.lexically_normal();
   std::vector<fs::path> found(names.size());
-  std::set<std::string> folders_found;  // stated folders that hold one of their names
+  std::set<std::string> folders_found;  // stated folders in which one of their files was found
   std::vector<std::size_t> open;
   for (std::size_t i = 0; i < names.size(); ++i) {
     found[i] = exact_file(base, names[i].name, kind);
@@ -190,7 +194,7 @@ std::vector<fs::path> NamedFiles::find_masks(const std::vector<StatedName>& imag
   std::vector<std::size_t> open;
   for (std::size_t i = 0; i < images.size(); ++i) {
     const std::string& name = images[i].name;
-    // A name that leads out of the folder of masks would make the image its own mask.
+    // A name that leads out of the mask folder could make the image its own mask.
     const std::string plain = fs::path(name).lexically_normal().string();
     const bool outside = plain.starts_with('/') || plain.starts_with("../");
     for (const fs::path& folder : folders) {

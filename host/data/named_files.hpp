@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // NamedFiles finds the files that a data set names: images, masks, points. All loaders use it, so that they
-// find the same files and say the same. The exact name comes first. Where it fails, the folder of the data is
-// listed once and a file is taken if exactly one fits (name_index.hpp); report() counts those in a note. It
-// never leaves the data folder (data_root.hpp).
+// find the same files and print the same messages. It first looks for the exact name. If there is no such
+// file, it lists the data folder once and takes a file if exactly one matches (name_index.hpp). report()
+// counts such files in a note. It never reads files outside of the data folder (data_root.hpp).
 #pragma once
 
 #include <filesystem>
@@ -19,42 +19,45 @@
 namespace ubs {
 
 struct StatedName {
-  std::string name;   // as the data state it
-  std::string where;  // starts messages: the file and the frame
+  std::string name;   // as stated in the data
+  std::string where;  // starts error messages: the file and the frame
 };
 
 class NamedFiles {
  public:
   enum class Kind { image, mask, points };
 
-  // Both must outlive this object. `folder` is the data folder.
+  // `root` and `folder` must outlive this object. `folder` is the data folder.
   NamedFiles(const DataRoot& root, std::filesystem::path folder);
 
-  // Returns whether all images are at their exact places. `base` is the folder that the names are relative
+  // Returns whether all images exist at their exact paths. `base` is the folder that the names are relative
   // to.
   bool has_all(const std::filesystem::path& base, const std::vector<StatedName>& images) const;
 
-  // Returns the file of each name, or an empty path. `base` is the folder that the names are relative to;
-  // with `only_base` files elsewhere in the data folder do not count. A file in another folder than stated is
-  // taken only where none of the names of that stated folder is there: a single missing image has been
-  // deleted, and no reduced image or mask of the same name may take its place. Two names never get the same
-  // file, unless the names are equal. Throws Error(data) for what leads out of the data folder.
+  // Returns the file of each name, or an empty path. `base` is the folder that the names are relative to.
+  // With `only_base`, files elsewhere in the data folder are not considered.
+  // A file in another folder than stated is used only if no name of the stated folder was found there. If
+  // only some of its images are missing, they were probably deleted, and must not be replaced by a reduced
+  // image or a mask of the same name.
+  // Two different names never get the same file. Throws Error(data) for a path that leads out of the data
+  // folder.
   std::vector<std::filesystem::path> find(const std::filesystem::path& base,
                                           const std::vector<StatedName>& names, Kind kind,
                                           bool only_base = false);
 
-  // Returns the mask of each image, or an empty path, from folders that are called "mask" or "masks". For
-  // a.jpg, that is a.jpg.png, a.jpg, a.png, another extension, or a_mask with any extension.
+  // Returns the mask of each image, or an empty path. Searches in folders called "mask" or "masks". The mask
+  // of a.jpg may be called a.jpg.png, a.jpg, a.png, a with another image extension, or a_mask with any image
+  // extension.
   std::vector<std::filesystem::path> find_masks(const std::vector<StatedName>& images);
 
-  // Says where a file that find() did not find was looked for, and the nearest name.
+  // Returns a text that says where a missing file was looked for, and the most similar name there.
   std::string missing(const std::filesystem::path& base, const std::string& name);
 
-  // Marks a file as used that the caller has found itself.
+  // Marks a file that the caller found itself as used.
   void use(const std::filesystem::path& file) { used_.insert(file.lexically_normal().string()); }
 
-  // Notes how many files were found by other than their exact names, how many pictures beside the used ones
-  // belong to no camera, and how many masks to no image.
+  // Adds notes to the report: the number of files that were found by another than the exact name, the number
+  // of unused images without a camera, and the number of masks without an image.
   void report(LoadReport& report);
 
  private:
@@ -68,7 +71,7 @@ class NamedFiles {
 
   const DataRoot& root_;
   std::filesystem::path folder_;
-  std::map<std::string, Listing> listings_;  // by the folder at their top
+  std::map<std::string, Listing> listings_;  // by their top folder
   std::set<std::string> used_;
   std::set<std::string> image_folders_;
   struct Others {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// nerfstudio folders: one transforms.json with lens parameters per file or frame, masks, and the file of
-// points that ply_file_path names. Poses are used as they stand (applied_transform is already in them).
+// Loads nerfstudio folders: one transforms.json with lens parameters per file or per frame, masks, and the
+// point cloud that ply_file_path names. Poses are used unchanged, because applied_transform is already
+// included in them.
 #include <fmt/ranges.h>
 
 #include <algorithm>
@@ -21,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace frames;
 
-// instant-ngp writes is_fisheye in the place of a name.
+// Returns the name of the camera model. instant-ngp writes is_fisheye instead of a name.
 std::string camera_model(const Node& frame, const Node& file) {
   for (const Node* node : {&frame, &file}) {
     if (node->has("camera_model")) return node->text("camera_model");
@@ -33,7 +34,7 @@ std::string camera_model(const Node& frame, const Node& file) {
   return "OPENCV";
 }
 
-// Returns the row of the table for a name in any case, or an alias.
+// Returns the lens model with this name or alias, in upper or lower case.
 const LensModel& json_lens_model(std::string name, const std::string& where) {
   std::ranges::transform(name, name.begin(),
                          [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 32) : c; });
@@ -54,7 +55,8 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   Lens lens{model.formula, 1, 1, 0, 0, size.width, size.height, {}};
   std::vector<std::string_view> names = words_of(model.parameters);
   if (std::ranges::find(names, "w") != names.end()) {
-    lens.set("w", size.width), lens.set("h", size.height);  // any focal lengths in the file have no meaning
+    // Focal lengths in the file have no meaning for this model
+    lens.set("w", size.width), lens.set("h", size.height);
   } else {
     Camera camera;
     set_intrinsics(camera, frame, file, size, size);
@@ -64,7 +66,7 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   for (const std::string_view coefficient : words_of(model.formula->coefficients))
     if (std::ranges::find(names, coefficient) != names.end())
       lens.set(coefficient, lookup(frame, file, std::string(coefficient).c_str()).value_or(0.0));
-  // A coefficient that the lens does not have would be left out without a word.
+  // A coefficient that the lens model does not have would be silently ignored, so it is an error.
   for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0);
         value != 0 && std::ranges::find(names, key) == names.end())
@@ -79,9 +81,9 @@ struct NamedView {
   std::string file_path;
 };
 
-// Returns the frames that one of the lists train_filenames, val_filenames and test_filenames names, as their
-// stated paths; nothing where the file does not have the list. The names are matched as those of files are:
-// exactly first, then by name_index.hpp.
+// Returns the stated paths of the frames that a list (train_filenames, val_filenames or test_filenames)
+// names, or nothing if the file does not have this list. The names are matched like those of files: exactly
+// first, then with name_index.hpp.
 std::optional<std::set<std::string>> name_list(const Node& file, const char* key,
                                                const std::vector<NamedView>& named, LoadReport& report) {
   if (!file.has(key)) return std::nullopt;
@@ -145,14 +147,14 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
   return splits;
 }
 
-// Returns nothing where neither the file nor the JSON has the size.
+// Returns the image size, or nothing if neither the JSON nor an image file states it.
 std::optional<ImageSize> size_of(const Node& frame, const Node& file, const fs::path& image) {
   if (const auto stated = stated_size(frame, file, image)) return stated;
   return image.empty() ? std::nullopt : std::optional(image_file_size(image));
 }
 
-// Returns the file of each frame that has the field; the path is empty where the frame has no such field or
-// the file is not there.
+// Returns the file that the field of each frame names; the path is empty if the frame has no such field or if
+// the file does not exist.
 std::vector<fs::path> files_of(NamedFiles& files, const std::vector<Node>& frames, const char* key,
                                const fs::path& folder, NamedFiles::Kind kind) {
   std::vector<StatedName> names;
@@ -191,13 +193,13 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   LoadedScene scene;
   std::vector<NamedView> named;
   std::vector<View> unique;
-  std::vector<std::size_t> counts;  // of views of each frame
+  std::vector<std::size_t> counts;  // number of views of each frame
   std::size_t masks = 0;
   double low = 0, high = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Node& frame = frames[i];
     const fs::path& image = images[i];
-    if (image.empty() && some) {  // where none exists it is a file of cameras alone
+    if (image.empty() && some) {  // without any image, the file is loaded for its cameras alone
       scene.report.skip(image_of(frame), "no such image");
       continue;
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See npy.hpp. Layout: "\x93NUMPY", version (2 bytes), header length (2 bytes, little-endian), a Python
-// dict literal padded with spaces and closed by a newline so that the data start at a multiple of 64.
+// See npy.hpp. Layout: "\x93NUMPY", version (2 bytes), header length (2 bytes, little-endian), then a Python
+// dict literal. It is padded with spaces and ends with a newline, so that the data start at a multiple of 64.
 #include "host/data/npy.hpp"
 
 #include <bit>
@@ -28,7 +28,7 @@ struct NpyHeader {
   std::size_t data = 0;            // position of the first element
 };
 
-// Product of the extents, refusing anything larger than `limit` before it can overflow.
+// Returns the product of the extents. Throws if it is larger than `limit`, before it can overflow.
 std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t limit, const std::string& name) {
   std::size_t count = 1;
   for (const std::size_t extent : shape)
@@ -40,8 +40,8 @@ std::size_t element_count(const std::vector<std::size_t>& shape, std::size_t lim
   return count;
 }
 
-// Text between the quotes, brackets or comma that enclose the value of `key`; numpy.save writes the
-// dictionary in one fixed form, so a search is enough.
+// Returns the text between `open` and `close` that follows `key`. A search is enough, because numpy.save
+// writes the dictionary in a fixed form.
 std::string header_value(const std::string& header, const std::string& key, const std::string& open,
                          const std::string& close, const std::string& name) {
   const std::string start = "'" + key + "': " + open;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// NumPy .npy files, format 1.0, of little-endian float32 or float64 in C order: the exchange format with
-// Python scripts and golden data. Anything else (integers, Fortran order) is refused with its name.
+// These functions read and write NumPy .npy files, format 1.0, with little-endian float32 or float64 in C
+// order. They serve to exchange data with Python scripts and reference data. Anything else (integers, Fortran
+// order) is refused with an error that names it.
 #pragma once
 
 #include <cstddef>
@@ -15,10 +16,10 @@ struct NpyArray {
   std::vector<float> values;
 };
 
-// float64 is rounded; Error(data) for a finite value that float32 cannot hold.
+// Reads an array; float64 is rounded. Throws Error(data) for a finite value that float32 cannot hold.
 NpyArray read_npy(const std::filesystem::path& path);
 
-// As read_npy, with all digits: poses_bounds.npy is float64.
+// As NpyArray and read_npy, but with full precision, because poses_bounds.npy stores float64.
 struct NpyArray64 {
   std::vector<std::size_t> shape;
   std::vector<double> values;

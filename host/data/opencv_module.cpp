@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The module of opencv_parts.hpp.
+// This file is the loadable module with the functions of opencv_parts.hpp.
 #include <opencv2/imgcodecs.hpp>
 
 #include "host/data/opencv_parts.hpp"

@@ -13,9 +13,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kModule = UBS_OPENCV_MODULE;  // of this version alone
+constexpr const char* kModule = UBS_OPENCV_MODULE;  // name of the module of this version of ubs
 
-// The file that holds this code: the executable, or a library.
+// Returns the path of the file that contains this code: the executable, or a library.
 fs::path own_file() {
   Dl_info info{};
   const bool known = dladdr(reinterpret_cast<void*>(&opencv), &info) != 0 && info.dli_fname[0] == '/';
@@ -25,7 +25,8 @@ fs::path own_file() {
 const OpencvParts& load() {
   const fs::path folder = own_file().parent_path();
   std::string tried;
-  // Beside a library, in a build folder, as installed, where the loader looks.
+  // Tried in this order: next to the library, in the build folder, the installed place, and where the dynamic
+  // loader searches.
   for (const fs::path& file :
        {folder / kModule, folder / "lib" / kModule, folder / "../lib" / kModule, fs::path(kModule)}) {
     void* module = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);

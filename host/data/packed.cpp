@@ -21,7 +21,7 @@ static_assert(std::endian::native == std::endian::little, "packed files are litt
 
 constexpr char kPackedMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
-constexpr std::uint32_t kPackedVersion = 2;  // with masks; what has none is written as version 1
+constexpr std::uint32_t kPackedVersion = 2;  // with masks; data without masks are written as version 1
 constexpr std::uint32_t kVersionUnmasked = 1;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
 
@@ -65,7 +65,7 @@ Camera parse_camera(const Json& json) {
   return c;
 }
 
-// What the header says of blocks that follow one another.
+// Builds the header's entries for consecutive blocks: offset, size and CRC-32 of each.
 class BlockList {
  public:
   Json add(std::span<const std::byte> bytes) {
@@ -184,7 +184,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     for (const Json& split : json.at("splits")) {
       PackedSplit& target = splits_.emplace_back();
       split.at("name").get_to(target.name);
-      // Member by member: g++ 12 destroys half an aggregate twice when its initialiser throws.
+      // Assigned member by member: if an initialiser throws, g++ 12 destroys a partly built aggregate twice.
       for (const Json& view : split.at("views")) {
         PackedView packed;
         view.at("name").get_to(packed.view.name);
@@ -198,11 +198,12 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         target.views.push_back(std::move(packed));
       }
     }
-    // Blocks share no bytes and leave none over: the sum is that of the whole file, and so is the end.
+    // Blocks must not overlap or leave gaps: their sizes must add up to the size of the file after the
+    // header, and the last block must end there.
     if (used != blocks_bytes || end != blocks_bytes)
       throw std::runtime_error(
           fmt::format("{} bytes behind the header, its blocks have {}", blocks_bytes, used));
-  } catch (const std::exception& error) {  // of the JSON library, or ours above
+  } catch (const std::exception& error) {  // from the JSON library, or thrown above
     fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());
   }
 }
@@ -259,7 +260,7 @@ class PackedFile::Source final : public ImageSource {
 
  private:
   std::shared_ptr<const PackedFile> file_;
-  const PackedView& view_;  // of file_
+  const PackedView& view_;  // a view of file_
 };
 
 Split PackedFile::split(const std::string& name) const {

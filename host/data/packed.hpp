@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A data set in one file (.ubsd): cameras, 8-bit images as they are trained on (composited and reduced),
-// their masks, points to start from, all with checksums. Reads fast, and without an image library. Layout,
-// little-endian:
+// PackedData and PackedFile store a data set in one file (.ubsd): cameras, 8-bit images as they are used in
+// training (composited and reduced), their masks and initial points, all with checksums. Such a file loads
+// fast and without an image library. Layout, little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
-// The header names each block by its offset behind the header, its size and its CRC-32. Version 1 has no
-// masks, version 2 a block "mask" (one byte a pixel, 0 = does not count) with the views that have one; files
-// without are of version 1.
+// The header describes each block by its offset from the end of the header, its size and its CRC-32. Version
+// 2 adds a block "mask" (one byte per pixel, 0 = does not count) for views that have a mask. Files without
+// masks are written as version 1.
 #pragma once
 
 #include <array>
@@ -23,35 +23,35 @@ namespace ubs {
 struct PackedData {
   std::vector<Split> splits;
   std::optional<PointCloud> points;
-  std::array<double, 3> background{0, 0, 0};        // that the images were composited on
-  int downscale = 1;                                // by which they were reduced
+  std::array<double, 3> background{0, 0, 0};        // the images were composited on it
+  int downscale = 1;                                // the images were reduced by this factor
   std::array<double, 3> offset{0, 0, 0};            // world = local + offset; cameras and points are local
-  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view, or empty
+  std::vector<std::array<double, 2>> depth_bounds;  // near, far of each training view; may be empty
 };
 
-// Images are loaded twice, one at a time: the header, which comes first, has the checksums of all.
-// Throws Error(data) where an image is another one the second time.
+// Writes a packed file. Every image is loaded twice, one at a time, because the header comes first and
+// contains the checksums of all images. Throws Error(data) if an image differs the second time.
 void write_packed(const std::filesystem::path& path, const PackedData& data);
 
-// By its first bytes; false for folders and for what cannot be read.
+// Recognises a packed file by its first bytes. Returns false for folders and for files that cannot be read.
 bool is_packed(const std::filesystem::path& path);
 
-// What a packed file holds; images are read on request and one split at a time. Damage of any kind is
-// Error(data) naming the file and the part.
+// An open packed file. Images are read on request, one split at a time. Any damage is reported as Error(data)
+// that names the file and the damaged part.
 class PackedFile {
  public:
   explicit PackedFile(std::filesystem::path path);
 
-  // Every image is empty.
+  // Returns a split whose images are empty.
   Split split(const std::string& name) const;
   std::optional<PointCloud> points() const;
   const std::array<double, 3>& background() const { return background_; }
-  bool opaque() const;  // nothing of the background is in any image
+  bool opaque() const;  // no image contains a part of the background
   int downscale() const { return downscale_; }
   const std::array<double, 3>& offset() const { return offset_; }
   const std::vector<std::array<double, 2>>& depth_bounds() const { return depth_bounds_; }
   std::vector<std::string> split_names() const;
-  // With images that are read when asked for; `file` lives as long as they do.
+  // Returns a split with images that are read on demand. They keep `file` alive.
   static Split split_on_demand(const std::shared_ptr<const PackedFile>& file, const std::string& name);
 
  private:
@@ -60,7 +60,7 @@ class PackedFile {
     std::uint32_t crc = 0;
   };
   struct PackedView {
-    View view;  // without image
+    View view;  // without its image
     std::optional<Block> image, mask;
   };
   struct PackedSplit {

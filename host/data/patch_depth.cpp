@@ -10,7 +10,8 @@
 namespace ubs {
 namespace {
 
-constexpr double kMinContrast = 2;  // standard deviation of a patch that can be found again
+// Minimum standard deviation of a patch; a patch with less contrast cannot be recognised in another image.
+constexpr double kMinContrast = 2;
 
 }  // namespace
 
@@ -48,7 +49,7 @@ Patch::Patch(const GreyPicture& from, const Pixel& at)
 double Patch::agreement(const GreyPicture& other, double depth) const {
   if (plain_) return -1;
   const Camera &a = from_.camera, &b = other.camera;
-  // Of the patch's corner and of a step along its rows and columns, in the system of the other camera.
+  // The corner of the patch, and one step along its rows and columns, in the coordinates of the other camera.
   const Vec3 local[3] = {{(corner_[0] - a.cx) / a.fx * depth, (corner_[1] - a.cy) / a.fy * depth, depth},
                          {from_.across / a.fx * depth, 0, 0},
                          {0, from_.down / a.fy * depth, 0}};

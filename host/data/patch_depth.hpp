@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far away a pixel is, from other pictures: at the right depth they show the patch of pixels about it.
+// Patch estimates the depth of a pixel from other images: at the correct depth, they show the same patch of
+// pixels.
 #pragma once
 
 #include <array>
@@ -12,43 +13,46 @@
 
 namespace ubs {
 
-using Pixel = std::array<double, 2>;  // column, row; the first pixel lies in [0, 1] x [0, 1]
+using Pixel = std::array<double, 2>;  // column, row; the first pixel is [0, 1] x [0, 1]
 
-// A view's picture in grey [0, 255], perhaps smaller than the view: one of its pixels has the size of
-// across x down pixels of the camera.
+// The image of a view in grey [0, 255]. It may be smaller than the view: one of its pixels covers across x
+// down pixels of the camera.
 struct GreyPicture {
   Camera camera;
   int width = 0, height = 0;
   std::vector<float> values;  // row by row
   double across = 1, down = 1;
 
-  // Between pixels linearly; -1 outside.
+  // Interpolates linearly between pixels; returns -1 outside of the image.
   float at(double column, double row) const;
 };
 
-// The pixels about one of a picture, without their mean and of unit length.
+// The pixels around a pixel of an image, with their mean subtracted and scaled to unit length.
 class Patch {
  public:
-  // Pixel `at` of the camera.
+  // `at` is a pixel position of the camera.
   Patch(const GreyPicture& from, const Pixel& at);
 
-  // Too little contrast to be found again, or not wholly in the picture.
+  // Returns whether the patch cannot be matched: it has too little contrast or is partly outside of the
+  // image.
   bool plain() const { return plain_; }
-  // Correlation, at most 1, with what `other` shows of a patch that faces this camera at `depth`; -1 where
-  // that is plain.
+  // Returns the correlation, at most 1, with the image that `other` shows of this patch, if the patch faces
+  // this camera at `depth`. Returns -1 if `other` does not show the whole patch or has too little contrast
+  // there.
   double agreement(const GreyPicture& other, double depth) const;
-  // Of `count` depths, evenly spaced in 1/depth, the one where the best two of `others`, or the one, agree
-  // most; none where they agree less than `least` at every depth.
+  // Tries `count` depths, evenly spaced in 1/depth, and returns the one with the highest agreement: the mean
+  // of the two best images of `others`, or that of the only image. Returns nothing if no agreement is above
+  // `least`.
   std::optional<double> best_depth(std::span<const GreyPicture* const> others, double near, double far,
                                    int count, double least) const;
 
  private:
-  static constexpr int kSide = 7;  // [pixels of the picture]
+  static constexpr int kSide = 7;  // [pixels of the image]
   using Values = std::array<float, kSide * kSide>;
   static bool normalise(Values& values);
 
   const GreyPicture& from_;
-  Pixel corner_;  // of the patch
+  Pixel corner_;  // corner of the patch
   Values values_{};
   bool plain_ = true;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See undistort.hpp: everything but the resampling of pixels.
+// See undistort.hpp. This file has everything except the resampling of pixels.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -12,17 +12,19 @@
 namespace ubs {
 namespace {
 
-// Half size of the ideal image in multiples of the distorted one: a fisheye of 180 degrees would need an
-// infinite plane, and its border holds no detail worth the pixels.
+// Maximum half size of the ideal image, in multiples of the distorted one. A fisheye of 180 degrees would
+// need an infinite plane, and the border of such an image has too little detail for so many pixels.
 constexpr double kMaxGrowth = 2.0;
 constexpr int kBorderSamples = 64;
 
-// A pinhole image of this angle has, at its border, three times as many pixels a degree as at its centre.
+// Images wider than this are split into faces: a pinhole image of this angle has three times as many pixels
+// per degree at its border as at its centre.
 constexpr double kWideDegrees = 110;
-constexpr int kSmallestFace = 16;  // [px]: the windows of SSIM are 11 pixels wide
-constexpr int kFaceSamples = 256;  // across a face, of larger ones
+constexpr int kSmallestFace = 16;  // [px]; SSIM needs at least its window of 11 pixels
+constexpr int kFaceSamples = 256;  // maximum number of samples across a face
 
-// The ideal coordinate of a pixel position of the distorted image; the nearest limit where there is none.
+// Returns the ideal coordinate of a pixel position in the distorted image, clamped to the limits; the nearest
+// limit if the position has no ideal coordinate.
 std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
                                      const std::array<double, 4>& limits) {
   double x = u < lens.cx ? limits[0] : limits[1], y = v < lens.cy ? limits[2] : limits[3];
@@ -31,7 +33,7 @@ std::array<double, 2> ideal_position(const Lens& lens, double u, double v,
   return {std::clamp(x, limits[0], limits[1]), std::clamp(y, limits[2], limits[3])};
 }
 
-// left, right, top, bottom of the inner rectangle.
+// Returns left, right, top and bottom of the largest rectangle inside of the undistorted image.
 std::array<double, 4> inner_rectangle(const Lens& lens, const std::array<double, 4>& limits) {
   std::array<double, 4> r = limits;
   for (int i = 0; i <= kBorderSamples; ++i) {
@@ -59,8 +61,8 @@ Ray from_face(const RotationMatrix& face, const Ray& ray) { return rotated(trans
 
 double angle_to_axis(const Ray& ray) { return std::atan2(std::hypot(ray[0], ray[1]), ray[2]); }
 
-// Returns the angle up to which the distance from the principal point grows with the angle, in all
-// directions. Beyond it the polynomial of a lens folds back into the image.
+// Returns the angle up to which the distance from the principal point grows with the angle in all directions.
+// Beyond it, the polynomial of the lens folds back into the image.
 double largest_angle(const Lens& lens) {
   if (lens.formula && lens.formula->all_directions) return std::numbers::pi;
   constexpr int kDirections = 16, kSteps = 720;
@@ -81,7 +83,7 @@ double largest_angle(const Lens& lens) {
   return std::numbers::pi * least / kSteps;
 }
 
-// Returns the pixel that sees a ray, if it is at least `margin` pixels inside of the image.
+// Returns the pixel that sees a ray, if it is at least `margin` pixels away from the border of the image.
 std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ray, double margin = 0) {
   const bool all = lens.formula && lens.formula->all_directions;
   if (!all && angle_to_axis(ray) > max_angle) return std::nullopt;
@@ -91,8 +93,9 @@ std::optional<PlanePoint> seen(const Lens& lens, double max_angle, const Ray& ra
   return inside || all ? p : std::nullopt;
 }
 
-// Returns the number of pixels of the image a radian around a ray, in the direction in which it is smallest:
-// the smaller singular value of the derivative of the projection, from small steps across the ray.
+// Returns the number of pixels per radian around a ray, in the direction in which it is smallest. This is the
+// smaller singular value of the derivative of the projection, computed by small steps perpendicular to the
+// ray.
 double resolution(const Lens& lens, const Ray& ray) {
   const Ray z = normalised(ray), x = perpendicular(z), y = cross(z, x);
   constexpr double kStep = 1e-4;
@@ -108,8 +111,8 @@ double resolution(const Lens& lens, const Ray& ray) {
   return std::sqrt(std::max(0.0, (sum - std::sqrt(std::max(0.0, sum * sum - 4 * det * det))) / 2));
 }
 
-// Returns the angle to the optical axis of the last ray between the principal point and a position at the
-// border.
+// Returns the angle to the optical axis of the outermost valid ray on the line from the principal point to a
+// position at the border.
 double border_angle(const Lens& lens, double column, double row) {
   for (int step = kBorderSamples; step > 0; --step) {
     const double part = static_cast<double>(step) / kBorderSamples;
@@ -120,8 +123,8 @@ double border_angle(const Lens& lens, double column, double row) {
   return 0;
 }
 
-// Returns the resolution of the image at the seen ray that is nearest to the centre of the face; 0 where none
-// is seen.
+// Returns the resolution of the image at the visible ray that is nearest to the centre of the face; 0 if no
+// ray of the face is visible.
 double face_resolution(const Lens& lens, const Face& face, double max_angle) {
   constexpr int kGrid = 64;
   std::vector<std::pair<double, Ray>> rays;
@@ -133,7 +136,7 @@ double face_resolution(const Lens& lens, const Face& face, double max_angle) {
   std::ranges::stable_sort(rays, {}, &std::pair<double, Ray>::first);
   for (const auto& [distance, ray] : rays)
     if (seen(lens, max_angle, ray)) {
-      // At the poles of an equirectangular image the derivative is not defined; beside them it is.
+      // The derivative is not defined at the poles of an equirectangular image, so also try a ray next to it.
       const Ray beside = ray + Ray{0.02, 0.01, 0.005};
       return std::max(resolution(lens, ray), resolution(lens, beside));
     }
@@ -231,7 +234,7 @@ double percent_left_out(const std::vector<Undistortion>& plans) {
       const auto shows = [&](const Undistortion& plan) {
         const Ray r = rotated(plan.rotation, *ray);
         const double column = r[0] / r[2] * plan.fx + plan.cx, row = r[1] / r[2] * plan.fy + plan.cy;
-        constexpr double kSlack = 1e-6;  // rays on the edge of two faces
+        constexpr double kSlack = 1e-6;  // for rays on the edge of two faces
         return r[2] > 0 && column >= -kSlack && column <= plan.width + kSlack && row >= -kSlack &&
                row <= plan.height + kSlack;
       };

@@ -16,7 +16,7 @@ namespace ubs {
 
 namespace {
 
-// Number of properties called "<stem>_<digits>".
+// Returns the number of properties called "<stem>_<digits>".
 int count_numbered(const PlyElement& header, const std::string& stem) {
   return static_cast<int>(
       std::count_if(header.properties.begin(), header.properties.end(), [&](const auto& p) {
@@ -27,7 +27,8 @@ int count_numbered(const PlyElement& header, const std::string& stem) {
       }));
 }
 
-// What else carries scale_*: naming it saves a search for a bug that is a wrong file.
+// Returns a hint for other formats that also have scale_* properties, because users often pass such files by
+// mistake.
 std::string foreign_format_hint(const PlyElement& header) {
   if (header.find("sb_params_0")) return " (this looks like a DBS file)";
   if (header.find("f_dc_0")) return " (this looks like a 3D Gaussian splatting file)";
@@ -35,7 +36,7 @@ std::string foreign_format_hint(const PlyElement& header) {
 }
 
 int infer_dimension(const PlyElement& header, const std::string& name) {
-  // The direct form has precisions in the place of query scales.
+  // The direct form has precisions instead of query scales.
   const int query = count_numbered(header, "precision") > 0 ? count_numbered(header, "mean") : 0;
   const int dim = count_numbered(header, "scale") + query;
   if (dim < kMinDim || dim > kMaxDim)
@@ -53,7 +54,7 @@ std::vector<const PlyProperty*> match_properties(const PlyElement& header, const
       fail(ErrorKind::data, "{}: property '{}' is missing for N = {}{}", name, wanted, layout.dim,
            foreign_format_hint(header));
   }
-  // A surplus of a known kind means that the file is of another form or dimension.
+  // If a file has more properties of a known kind than expected, it is of another variant or dimension.
   const std::vector<std::string> names = layout.property_names();
   for (const char* stem : {"beta", "mean", "l_triangle", "precision", "theta", "rot", "f_dc", "f_rest"}) {
     const auto expected = static_cast<int>(std::ranges::count_if(
@@ -71,7 +72,7 @@ std::vector<const PlyProperty*> match_properties(const PlyElement& header, const
 
 constexpr std::string_view kSwitchPrefix = "ubs ";
 
-// Takes the lines `ubs <key> <value>` out of the comments.
+// Parses the lines `ubs <key> <value>` and removes them from the comments.
 ModelVariant take_variant(std::vector<std::string>& comments, const std::string& name) {
   ModelVariant variant;
   std::vector<std::string> keys;
@@ -91,7 +92,7 @@ ModelVariant take_variant(std::vector<std::string>& comments, const std::string&
   return variant;
 }
 
-// Contradictions in a file are no usage errors.
+// Returns the layout. A contradiction in a file is an error of the data, not of the usage.
 ParameterLayout file_layout(int dim, const ModelVariant& variant, const std::string& name) {
   try {
     return ParameterLayout(dim, variant);
@@ -115,7 +116,8 @@ bool is_group_element(const std::string& name) {
 
 std::string groups_text(std::span<const int> dims) { return fmt::format("{}", fmt::join(dims, ",")); }
 
-// Takes the line `ubs groups <list>` out of the comments; empty when there is none.
+// Returns the list that the comment line `ubs groups <list>` contains and removes this line from the
+// comments. Returns an empty string if there is no such line.
 std::string take_groups(std::vector<std::string>& comments, const std::string& name) {
   const std::string prefix = fmt::format("{}{} ", kSwitchPrefix, kGroupsKey);
   std::string text;
@@ -129,7 +131,7 @@ std::string take_groups(std::vector<std::string>& comments, const std::string& n
   return text;
 }
 
-// The elements that hold splats, the first one vertex; of one element where there are no groups.
+// Returns the elements that hold splats; the first one is `vertex`. A file without groups has only one.
 std::vector<PlyElement> splat_elements(const PlyHeader& header) {
   std::vector<PlyElement> elements;
   for (const PlyElement& element : header.elements)
@@ -191,7 +193,7 @@ void check_writable(const SplatModel& model, const std::filesystem::path& path) 
        layout.property_names()[at / model.count], *bad);
 }
 
-// Vertices, transposed a block at a time: bounds the extra memory.
+// Writes the vertices. Transposes one block at a time to limit the additional memory.
 void write_rows(AtomicFile& file, const SplatModel& model) {
   const std::size_t rows = static_cast<std::size_t>(model.layout().count);
   constexpr std::size_t kBlock = 4096;
@@ -223,7 +225,7 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
   const std::string listed = take_groups(header.comments, name);
   const std::vector<PlyElement> elements = splat_elements(header);
   check_group_elements(header, elements, listed, name);
-  if (elements.size() > 1) stream = open_ply_elements(path, header);  // checks the size of all
+  if (elements.size() > 1) stream = open_ply_elements(path, header);  // checks the size of all elements
   const ModelVariant variant = [&] {
     std::vector<std::string> lines = header.comments;
     take_groups(lines, name);

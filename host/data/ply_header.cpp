@@ -73,7 +73,7 @@ double load_number(const std::byte* from, PlyType type) {
   return 0;
 }
 
-// Some programs write blanks behind the words of the header.
+// Removes blanks around a line: some programs write blanks after the words of the header.
 std::string_view trimmed(std::string_view line) {
   const std::size_t first = line.find_first_not_of(" \t"), last = line.find_last_not_of(" \t");
   return first == std::string_view::npos ? std::string_view() : line.substr(first, last - first + 1);
@@ -173,7 +173,8 @@ class HeaderParser {
   std::size_t line_number_ = 0;
 };
 
-// `available` bytes follow the header. An ascii value takes at least a digit and a separator.
+// Checks the promised number of vertices against the `available` bytes after the header. An ascii value takes
+// at least a digit and a separator.
 void check_size(const PlyHeader& header, std::size_t available, const std::string& name) {
   if (header.stride == 0)
     fail(ErrorKind::data, "{}: element {} has no properties", name, header.PlyElement::name);
@@ -207,7 +208,8 @@ void check_finite(double value, std::size_t row, const PlyProperty& property, co
     fail(ErrorKind::data, "{}: vertex {}: property '{}' is {}", name, row, property.name, value);
 }
 
-// Properties that are not asked for are passed over but must be there: a row is one line.
+// Reads ascii rows. Each row is one line, so properties that are not requested must be present too; their
+// values are skipped.
 template <typename Real>
 void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
                      const std::vector<const PlyProperty*>& properties, const std::vector<Real*>& rows,
@@ -235,7 +237,7 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
       rows[r][i] = value;
     }
   }
-  // Rows of further elements, such as faces, are a line each too.
+  // Each row of a further element, such as a face, is also one line.
   std::size_t promised = 0, found = 0;
   for (std::size_t e = 1; e < header.elements.size(); ++e) promised += header.elements[e].count;
   while (found <= promised && std::getline(stream, line))
@@ -325,7 +327,7 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
 }
 
 std::string list_names(const std::vector<std::string>& names) {
-  // "motion_8" is "motion_" and 8; a name without a number stands alone.
+  // "motion_8" is split into "motion_" and 8; a name without a number is listed as it is.
   const auto parts = [](const std::string& name) {
     const std::size_t last = name.find_last_not_of("0123456789");
     const std::size_t stem = last == std::string::npos ? 0 : last + 1;

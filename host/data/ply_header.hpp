@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of PLY that our files need: the header of a binary_little_endian or ascii file, and the
-// scalar properties of its elements as float or double. Shared by splat files, point clouds, importers.
+// PlyHeader describes a PLY file as far as ubs needs it: the header of a binary_little_endian or ascii file.
+// Functions here read the scalar properties of its elements as float or double. Used for splat files, point
+// clouds and importers.
 #pragma once
 
 #include <cstddef>
@@ -26,31 +27,33 @@ struct PlyElement {
   std::vector<PlyProperty> properties;  // in file order
   std::size_t count = 0;                // rows
   std::size_t stride = 0;               // bytes per row (binary files)
-  bool has_list = false;                // then its rows have no fixed size and cannot be read
+  // If true, the rows have no fixed size and cannot be read.
+  bool has_list = false;
 
-  const PlyProperty* find(const std::string& property) const;  // null when absent
+  const PlyProperty* find(const std::string& property) const;  // null if there is none
 };
 
-// The first element is also found directly in the header: splat files and point clouds have no other.
+// PlyHeader is itself the first element, because splat files and point clouds have no other.
 struct PlyHeader : PlyElement {
-  std::vector<std::string> comments;  // and the lines obj_info, which some programs use for the same
+  // Comment lines, and also obj_info lines, which some programs use instead.
+  std::vector<std::string> comments;
   std::vector<PlyElement> elements;
   bool ascii = false;
-  std::size_t lines = 0;  // of the header, for messages about ascii rows
+  std::size_t lines = 0;  // number of lines of the header, for messages about ascii rows
 };
 
-// Opens the file, checks it (kind, list properties, duplicate names, size against the promised count)
-// and leaves the stream at the first vertex. ascii files are refused unless `allow_ascii`.
+// Opens the file, checks it (kind, list properties, duplicate names, size against the promised count) and
+// leaves the stream at the first vertex. ascii files are refused unless `allow_ascii` is set.
 std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, bool allow_ascii = false);
 
-// As open_ply for a binary file of several elements, all without lists, whatever their names.
+// Like open_ply, but for a binary file with several elements of any names, all without lists.
 std::ifstream open_ply_elements(const std::filesystem::path& path, PlyHeader& header);
 
 enum class NonFinite { refuse, keep };
 
-// One property of all rows of an element per output row, `rows[r]` receiving properties[r]; reads the
-// element once, in blocks, and leaves the stream behind it. Non-finite values are an error that names
-// vertex and property, unless they are to be kept (importers count and drop them).
+// Reads some properties of all rows of an element: `rows[r]` receives the values of properties[r]. Reads the
+// element once, in blocks, and leaves the stream after it. A non-finite value is an error that names vertex
+// and property, unless non_finite is `keep` (importers count such splats and drop them).
 void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<float*>& rows,
                    const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
@@ -58,17 +61,17 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
                    const std::vector<const PlyProperty*>& properties, const std::vector<double*>& rows,
                    const std::string& file_name, NonFinite non_finite = NonFinite::refuse);
 
-// Lists names for a message; numbered names that follow one another become "motion_0 to motion_8".
+// Returns the names as a list for a message; consecutive numbered names become "motion_0 to motion_8".
 std::string list_names(const std::vector<std::string>& names);
 
-// Returns a sentence for what a reader that takes only `used` leaves out of an element: its other properties.
-// Normals are not mentioned: 3DGS files have them, always zero, and no splat has a use for them.
+// Returns sentences that name the properties of an element that a reader does not use if it uses only `used`.
+// Normals are not mentioned: in 3DGS files they are always zero, and splats do not use them.
 std::vector<std::string> unused_properties(const PlyElement& element,
                                            const std::vector<const PlyProperty*>& used);
-// The same for the elements behind the first `used`, such as the faces of a mesh.
+// Returns sentences for the elements after the first `used` ones, such as the faces of a mesh.
 std::vector<std::string> unused_elements(const PlyHeader& header, std::size_t used);
 
-// The rows of a binary element as they are in the file; row i starts at byte i * stride.
+// Returns the rows of a binary element as stored in the file; row i starts at byte i * stride.
 std::vector<std::byte> read_ply_bytes(std::ifstream& stream, const PlyElement& element,
                                       const std::string& file_name);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See png.hpp. Filter and compression are OpenCV's: fast, and good for renders.
+// See png.hpp. Filter and compression are those of OpenCV; they are fast and suit rendered images.
 #include "host/data/png.hpp"
 
 #include <cstdint>
@@ -26,7 +26,8 @@ void put_chunk(PngBytes& to, const char (&name)[5], const PngBytes& content) {
   put32(to, crc32(std::span(to).subspan(checked)));
 }
 
-// Samples big-endian, less those to their left: 1 before each row says so.
+// Encodes rows with PNG filter 1 (Sub): each row starts with the byte 1 and stores differences to the pixel
+// on its left. Samples are big-endian.
 PngBytes png_rows(const PngForm& form, const void* samples) {
   const auto bytes = static_cast<std::size_t>(form.bytes), height = static_cast<std::size_t>(form.height);
   const std::size_t pixel = bytes * static_cast<std::size_t>(form.channels);
@@ -47,7 +48,7 @@ PngBytes png_rows(const PngForm& form, const void* samples) {
 }  // namespace
 
 PngBytes encode_png(const PngForm& form, const void* samples) {
-  constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by channels: grey, RGB, RGBA
+  constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by number of channels: grey, RGB, RGBA
   PngBytes header;
   put32(header, static_cast<std::uint32_t>(form.width));
   put32(header, static_cast<std::uint32_t>(form.height));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writing of PNG files, by zlib alone: builds without OpenCV have no libpng.
+// encode_png() and write_png() write PNG files. They need only zlib, because builds without OpenCV have no
+// libpng.
 #pragma once
 
 #include <cstddef>
@@ -13,12 +14,13 @@ namespace ubs {
 struct PngForm {
   int width = 0, height = 0;
   int channels = 3;  // 1: grey, 3: RGB, 4: RGBA with straight alpha
-  int bytes = 1;     // a sample
+  int bytes = 1;     // bytes per sample
 };
 
-// A file's content. samples: rows without padding, channels together; 16-bit ones as this machine has them.
+// Returns the content of a PNG file. `samples` has rows without padding and interleaved channels; 16-bit
+// samples are in native byte order.
 std::vector<std::byte> encode_png(const PngForm& form, const void* samples);
-// Atomically.
+// Writes the file atomically.
 void write_png(const std::filesystem::path& path, const PngForm& form, const void* samples,
                FileUse use = FileUse::result);
 

@@ -16,12 +16,13 @@
 namespace ubs {
 namespace {
 
-// Deflate makes 1032 bytes at most of one, and a byte holds eight pixels of one bit. Memory is taken before
-// anything is decoded.
+// Upper limit on pixels per byte, checked because memory is allocated before anything is decoded. Deflate
+// expands one byte to at most 1032 bytes, and a byte holds at most eight pixels of one bit.
 constexpr std::size_t kMaxPngPixelsPerByte = std::size_t{8} * 1032;
-constexpr unsigned kMaxAcross = 1u << 20;  // as OpenCV
+constexpr unsigned kMaxAcross = 1u << 20;  // the limit of OpenCV
 
-// What libpng's calls back see; nothing here has a destructor, because errors jump over them.
+// Data that libpng's callbacks use. No member has a destructor, because errors jump over destructors
+// (longjmp).
 struct Source {
   std::jmp_buf back;
   char message[256];
@@ -34,7 +35,8 @@ struct Source {
   std::longjmp(source->back, 1);
 }
 
-void ignore(png_structp, const char*) {}  // odd profiles and the like, which other programs pass over too
+// Ignores warnings, for example about unusual colour profiles, as other programs do.
+void ignore(png_structp, const char*) {}
 
 void read(png_structp png, png_bytep to, std::size_t size) {
   auto* source = static_cast<Source*>(png_get_io_ptr(png));
@@ -43,12 +45,13 @@ void read(png_structp png, png_bytep to, std::size_t size) {
   source->rest = source->rest.subspan(size);
 }
 
-// False after an error, whose message is in the source.
+// Returns false after an error, whose message is in `source`.
 bool decode(png_structp png, png_infop info, Source& source, std::size_t file_bytes, const std::string& name,
             cv::Mat& pixels) {
   if (setjmp(source.back)) return false;
   png_set_read_fn(png, &source, read);
-  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);  // transparency is an ancillary chunk
+  // This also applies to tRNS: it is an ancillary chunk, but it changes pixels.
+  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
   png_set_user_limits(png, kMaxAcross, kMaxAcross);
   png_read_info(png, info);
   const std::size_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
@@ -60,7 +63,7 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
   if (width * height > kMaxDecodedPixels)
     fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, width, height,
          kMaxDecodedPixels);
-  png_set_expand(png);  // palettes, few bits, transparent colours
+  png_set_expand(png);  // palettes, fewer than 8 bits, transparent colours
   png_set_bgr(png);
   if (const int type = png_get_color_type(png, info);
       (type & PNG_COLOR_MASK_COLOR) == 0 &&

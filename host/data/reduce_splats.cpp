@@ -35,7 +35,7 @@ struct Reduced {
   double covariance[3][3] = {};
 };
 
-// Moments of the mixture of the slices, weighted with their opacities.
+// Computes the moments of the mixture of the slices, weighted by their opacities.
 Reduced combine(const std::vector<Slice>& slices, const std::string& rule) {
   double sum = 0, squares = 0, largest = 0;
   for (const auto& s : slices) {
@@ -68,8 +68,8 @@ void store(ImportedSplats& out, std::size_t i, const Reduced& r, double beta, bo
   out.opacity_logits[i] = logit_of(r.opacity);
 }
 
-// Nothing to fix and to average: any form of N = 3 has the axes of its splats, and the kernel alone is
-// another.
+// Converts a model of N = 3. Nothing has to be fixed or averaged: splats of every variant of N = 3 have axes,
+// so only the kernel is replaced.
 ImportedSplats with_gaussian_kernel(const SplatModel& model) {
   ImportedSplats out = to_imported_splats(model);
   for (std::size_t i = 0; i < out.betas.size(); ++i) {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Separable resampling, columns first, with an 8-bit intermediate image. The weights are those of the
-// Keys kernel (a = -1/2), stretched by the reduction factor, normalised, and rounded to 22 fractional
-// bits: integer sums make the result exact on every machine. Documented in Pillow's handbook
-// ("Filters") and checked byte by byte against Pillow 13.0 (tests/data/image_test.cpp).
+// resize_bicubic() resamples the columns first and then the rows, with an 8-bit intermediate image. The
+// weights are those of the Keys kernel (a = -1/2), stretched by the reduction factor, normalised, and rounded
+// to 22 fractional bits. The sums are integers, so the result is exact on every machine. The method is
+// documented in Pillow's handbook ("Filters"), and the result was compared byte by byte with Pillow 13.0
+// (tests/data/image_test.cpp).
 #include "host/data/resample.hpp"
 
 #include <algorithm>
@@ -14,7 +15,7 @@ namespace ubs {
 
 namespace {
 
-constexpr int kWeightBits = 22;  // 8 bits of value and 2 of overshoot remain in 32
+constexpr int kWeightBits = 22;  // the other 10 of 32 bits hold the value (8) and overshoot (2)
 
 double keys_kernel(double x) {
   constexpr double a = -0.5;
@@ -26,7 +27,7 @@ double keys_kernel(double x) {
 
 struct Taps {
   int first = 0;
-  std::vector<int> weights;  // fixed point
+  std::vector<int> weights;  // in fixed point
 };
 
 std::vector<Taps> make_taps(int in, int out) {

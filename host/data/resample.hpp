@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Antialiased bicubic resizing of 8-bit RGB that gives the bytes of Pillow's Image.resize, whose
-// default the published scores rest on (method.md 4.5). OpenCV has no equivalent: its INTER_CUBIC does
-// not widen the kernel when shrinking, INTER_AREA is a box filter.
+// resize_bicubic() resizes 8-bit RGB images with an antialiased bicubic filter. The result has the same bytes
+// as that of Pillow's Image.resize with its default filter, which was used for the published scores
+// (method.md 4.5). OpenCV has no equivalent: INTER_CUBIC does not widen the kernel when it reduces an image,
+// and INTER_AREA is a box filter.
 #pragma once
 
 #include "host/scene/dataset.hpp"

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// SOG versions 2 and 1; see foreign_formats.hpp. A pixel of each image belongs to one splat, row by row:
-// positions in two bytes an axis between bounds, after sign(v) ln(|v| + 1); log scales and constant harmonics
-// as indices of books of 256 numbers; quaternions as their three smallest components; further harmonics as an
-// index of a palette, 64 entries a row, a pixel a harmonic, whose bytes are indices of a third book. Version
-// 1 has bounds in the place of books, between which bytes are equal steps, and logits of opacities.
+// Reads SOG versions 2 and 1 and writes version 2; see foreign_formats.hpp. Each pixel of an image stands for
+// one splat, row by row.
+// - Positions: two bytes per axis between bounds, after the transform sign(v) ln(|v| + 1).
+// - Log scales and constant harmonics: indices into codebooks of 256 numbers.
+// - Quaternions: their three smallest components.
+// - Further harmonics: an index into a palette with 64 entries per row and one pixel per harmonic. The bytes
+//   of the palette are indices into a third codebook.
+// Version 1 differs in two ways: instead of codebooks it has bounds, which the byte values divide into equal
+// steps, and it stores opacities as logits.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -26,11 +30,11 @@ namespace {
 constexpr std::size_t kBook = 256, kPalette = 65536, kPaletteRow = 64;
 constexpr std::size_t kSplatBytes = 4 * (3 + 3 + 4 + 1);  // without harmonics
 constexpr int kBookRounds = 20;
-constexpr int kFirstMode = 252;            // alpha of a quaternion whose w is the largest
-constexpr std::size_t kSplatsAByte = 100;  // of a file, more make no sense
+constexpr int kFirstMode = 252;            // alpha of a quaternion whose w is the largest component
+constexpr std::size_t kSplatsAByte = 100;  // more splats per byte of the file are implausible
 constexpr std::size_t kSparePixels = 1 << 20;
-constexpr std::size_t kLargestMeta = 1 << 20;  // three books of 256 numbers are 20 KB
-// What meta.json may hold: the rest is named in a note.
+constexpr std::size_t kLargestMeta = 1 << 20;  // for comparison: three codebooks of 256 numbers take 20 KB
+// Keys that meta.json may have; a note names any others.
 constexpr std::string_view kKnownKeys[] = {"version", "asset",  "count", "antialias", "model",
                                            "means",   "scales", "quats", "sh0",       "shN"};
 
@@ -39,8 +43,9 @@ double sog_exp(double v) { return std::copysign(std::expm1(std::abs(v)), v); }
 
 // ---- Writing ----
 
-// 256 rising numbers that stand for all values: half at equal shares of them, half at equal steps, then moved
-// to the means of what is nearest to them.
+// Returns a codebook: 256 ascending numbers that approximate all values. It starts with 128 quantiles of the
+// values and 128 equally spaced numbers. Then each number is moved repeatedly to the mean of the values
+// nearest to it (k-means).
 std::vector<float> make_book(std::vector<float> values) {
   std::ranges::sort(values);
   std::vector<double> sums(values.size() + 1, 0.0);
@@ -74,8 +79,8 @@ std::uint8_t entry_of(const std::vector<float>& book, float v) {
   return static_cast<std::uint8_t>(above - book.begin() - (below ? 1 : 0));
 }
 
-// Cells of splats with similar further harmonics: as long as there is room, the cell with the largest squared
-// error is parted at the mean of its widest coordinate.
+// Clusters splats with similar further harmonics. While there are fewer cells than palette entries, splits
+// the cell with the largest squared error at the mean of its coordinate with the largest spread.
 class HarmonicCells {
  public:
   HarmonicCells(const float* rows, std::size_t stride, std::size_t width, std::size_t count)
@@ -91,7 +96,7 @@ class HarmonicCells {
       const auto last = order_.begin() + static_cast<std::ptrdiff_t>(c.end);
       const auto middle =
           std::partition(first, last, [&](std::uint32_t i) { return at(i, c.widest) < c.mean; });
-      if (middle == first || middle == last) {  // the mean has been rounded to a value
+      if (middle == first || middle == last) {  // the mean was rounded to one of the values
         cells_.push_back(c);
         continue;
       }
@@ -159,7 +164,7 @@ std::array<std::uint8_t, 4> sog_rotation(const std::array<float, 4>& q) {
   return out;
 }
 
-// An image of as many pixels as splats or a few more.
+// An image with one pixel per splat, and a few more to fill the last row.
 class SplatImage {
  public:
   explicit SplatImage(std::size_t count) {
@@ -180,7 +185,8 @@ class SplatImage {
 
 // ---- Reading ----
 
-// Returns numbers of meta.json, at least `least` of them. Exporters write null for infinity and NaN.
+// Returns numbers of meta.json, at least `least` of them. Throws if one is null, which exporters write for
+// infinity and NaN.
 std::vector<double> numbers_of(const Json& array, std::size_t least, const std::string& where) {
   if (!array.is_array() || array.size() < least)
     fail(ErrorKind::data, "{}: an array of {} numbers is needed", where, least);
@@ -193,7 +199,7 @@ std::vector<double> numbers_of(const Json& array, std::size_t least, const std::
   return numbers;
 }
 
-// Returns the bytes of the file that meta.json names.
+// Returns the bytes of a file that meta.json names.
 using SogFiles = std::function<std::vector<std::byte>(const std::string& member)>;
 
 struct SogImages {
@@ -216,15 +222,16 @@ struct SogImages {
   std::vector<double> numbers(const char* group, const char* key, std::size_t least) const {
     return numbers_of(meta.at(group).at(key), least, fmt::format("{}: meta.json: {}.{}", name, group, key));
   }
-  // What each byte of a channel stands for.
+  // Returns the value that each byte of a channel stands for.
   std::vector<float> book(const char* group, std::size_t channel = 0) const {
-    std::vector<float> values(kBook);  // an index beyond those of the file means zero
+    std::vector<float> values(kBook);  // indices beyond the codebook of the file mean zero
     if (version() == 2) {
       const std::vector<double> book = numbers(group, "codebook", 1);
       for (std::size_t b = 0; b < std::min(kBook, book.size()); ++b) values[b] = static_cast<float>(book[b]);
       return values;
     }
-    const auto bound = [&](const char* key) {  // of all channels in one, for the further harmonics
+    // For the further harmonics, all channels have the same bounds.
+    const auto bound = [&](const char* key) {
       const Json& bounds = meta.at(group).at(key);
       return bounds.is_number() ? bounds.get<double>() : numbers(group, key, channel + 1)[channel];
     };
@@ -235,7 +242,7 @@ struct SogImages {
   }
 };
 
-// The degree of harmonics that version 1 says by the width of its palette alone.
+// Returns the degree of the harmonics. Version 1 states it only through the width of the palette.
 int degree_of_palette(const Rgba8& palette, const std::string& name) {
   for (int degree = 1; degree <= 3; ++degree)
     if (palette.width == static_cast<int>(kPaletteRow) * ((degree + 1) * (degree + 1) - 1)) return degree;
@@ -245,7 +252,7 @@ int degree_of_palette(const Rgba8& palette, const std::string& name) {
 void read_harmonics(const SogImages& images, ImportedSplats& splats) {
   const Json& meta = images.meta.at("shN");
   const std::size_t higher = splats.coefficients() - 1, n = splats.count();
-  // Version 1 does not say how many.
+  // Version 1 does not state the number of palette entries.
   const std::size_t promised = images.version() == 1 ? kPaletteRow : meta.at("count").get<std::size_t>();
   if (promised > kPalette) fail(ErrorKind::data, "{}: a palette of {} harmonics", images.name, promised);
   const std::vector<float> book = images.book("shN");
@@ -303,7 +310,8 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
       splats.rotations[i][static_cast<std::size_t>(k)] = static_cast<float>(v);
       rest -= v * v;
     }
-    if (largest >= 0)  // else it is no quaternion, which clean() drops
+    // If no component is marked as the largest, the rotation is not a quaternion; clean() drops such splats.
+    if (largest >= 0)
       splats.rotations[i][static_cast<std::size_t>(largest)] =
           static_cast<float>(std::sqrt(std::max(0.0, rest)));
     for (std::size_t c = 0; c < 3; ++c) {
@@ -337,7 +345,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
                            std::lround(65535 * (sog_log(splats.positions[i][k]) - low[k]) / range))
                      : 0u;
   };
-  // Along a curve through space, so that neighbours in the images are alike.
+  // Order the splats along a space-filling curve, so that neighbouring pixels of the images are similar.
   std::vector<std::pair<std::uint64_t, std::size_t>> order(n);
   for (std::size_t i = 0; i < n; ++i)
     order[i] = {spread_bits(place(i, 0)) | spread_bits(place(i, 1)) << 1 | spread_bits(place(i, 2)) << 2, i};
@@ -437,7 +445,7 @@ Json parse_meta(std::span<const std::byte> text, const std::string& name) {
 
 ImportedSplats read_bundle(std::span<const std::byte> file, const std::string& name) {
   const ZipReader zip(file, name);
-  // Some archives hold the folder rather than its files.
+  // Some archives contain the folder instead of only its files.
   std::vector<std::string> members = zip.names();
   std::string prefix;
   for (const std::string& member : members)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 32-byte .splat format of web viewers; see foreign_formats.hpp. It has no header: only its size and
-// its values tell whether a file is one.
+// Reads and writes the 32-byte .splat format of web viewers; see foreign_formats.hpp. The format has no
+// header, so a file can be recognised only by its size and its values.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -30,8 +30,10 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
   ByteReader in(bytes, name);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     for (float& v : splats.positions[i]) v = in.read<float>();
-    for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());  // negative: NaN, which is dropped
-    // A flat splat has one scale of 0. Three belong to bytes that are no splat: nothing else tells.
+    // A negative scale becomes NaN, and the splat is dropped.
+    for (float& v : splats.log_scales[i]) v = std::log(in.read<float>());
+    // A flat splat has one scale of 0. Three scales of 0 mean that these bytes are not a splat; the format
+    // has no other sign of this.
     if (std::ranges::all_of(splats.log_scales[i], [](float v) { return v == -INFINITY; }))
       splats.log_scales[i].fill(NAN);
     for (std::size_t c = 0; c < 3; ++c)
@@ -49,7 +51,7 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
 }
 
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats) {
-  // An empty file has nothing that it could be recognised by.
+  // An empty file could not be recognised as this format.
   if (splats.count() == 0)
     fail(ErrorKind::data, "{}: .splat has no place for a model without splats", path.string());
   AtomicFile file(path);

@@ -31,7 +31,8 @@ bool is_zip(const FileStart& start) { return start.bytes.starts_with("PK\3\4"); 
 bool is_gzip(const FileStart& start) { return start.bytes.starts_with("\x1f\x8b"); }
 bool is_ply(const FileStart& start) { return start.bytes.starts_with("ply"); }
 
-// The word alone: a damaged file is for its reader to complain about.
+// Returns whether the text contains the key. Does not parse the JSON: if it is damaged, the reader of the
+// format reports the error.
 bool has_key(const FileStart& start, std::string_view key) {
   return start.json.find(fmt::format("\"{}\"", key)) != std::string::npos;
 }
@@ -54,8 +55,9 @@ std::vector<std::string> splat32_remarks(const ImportedSplats& splats) {
       fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree)};
 }
 
-// In the order in which they are tried: a form of ours may share names with other formats, and a file of
-// Gaussians with extra columns may be packed or hold Beta splats.
+// The formats, in the order in which they are tried. The order matters: files of ubs may have property names
+// of other formats, and a file that looks like Gaussians with extra columns may be a compressed file or hold
+// Beta splats.
 constexpr SplatFormat kFormats[] = {
     {.name = "ubs",
      .title = "UBS",
@@ -162,14 +164,14 @@ constexpr SplatFormat kFormats[] = {
      .remarks = splat32_remarks},
 };
 
-// ---- Files that hold no splats, and what to say of them ----
+// ---- Files that hold no splats, and how messages describe them ----
 
 struct OtherFile {
   bool (*recognise)(const FileStart& start);
   std::string (*what)(const FileStart& start);
 };
 
-// The number of rows of an element, as the header has it.
+// Returns the number of rows of an element, as stated in the header.
 std::string rows_of(const FileStart& start, std::string_view element) {
   const std::string begin = fmt::format("element {} ", element);
   for (const std::string& line : start.ply)
@@ -193,8 +195,8 @@ std::string what_gzip(const FileStart& start) {
   return fmt::format("{}, packed with gzip: unpack it first", inside);
 }
 
-// Further rows than those of formats: tried where none of them fits, except Scaffold-GS, whose anchors share
-// names with splats.
+// Kinds of files that hold no splats, tried if none of the formats fits. Scaffold-GS is an exception:
+// format_of() excludes it first, because its anchors have properties with the same names as splats.
 constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return s.bytes.empty(); },
      [](const FileStart&) -> std::string { return "an empty file"; }},
@@ -262,7 +264,8 @@ constexpr OtherFile kOthers[] = {
 
 bool written(const SplatFormat& format) { return format.ours() || format.write; }
 
-// The names are all that matters here; whoever reads the file says what is wrong with it.
+// Looks at the start of the unpacked data, only to describe the file. If it is damaged, the reader of the
+// file reports the error.
 void look_into_gzip(std::ifstream& stream, std::size_t size, FileStart& start, const std::string& name) {
   constexpr std::size_t kPacked = 1 << 16, kUnpacked = 512;
   std::vector<std::byte> packed(std::min(size, kPacked));
@@ -287,7 +290,7 @@ void look_into_ply(std::ifstream& stream, FileStart& start) {
 }
 
 FileStart start_of(const fs::path& path) {
-  constexpr std::size_t kLargestJson = std::size_t{64} << 20;  // that names files of splats
+  constexpr std::size_t kLargestJson = std::size_t{64} << 20;  // larger JSON files do not describe splats
   std::size_t size = 0;
   std::ifstream stream = open_for_reading(path, size);
   FileStart start{std::string(std::min<std::size_t>(size, 16), '\0'), small_extension(path)};
@@ -357,7 +360,7 @@ const SplatFormat& detect_splat_format(const fs::path& path) {
   if (const SplatFormat* format = format_of(start)) return *format;
   if (const std::string what = what_other(start); !what.empty())
     fail(ErrorKind::data, "{}: {}", path.string(), what);
-  if (is_ply(start)) return kFormats[0];  // its reader says what is missing
+  if (is_ply(start)) return kFormats[0];  // its reader reports what is missing
   if (start.extension == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
   std::vector<std::string_view> titles;
   for (const SplatFormat& format : kFormats) titles.push_back(format.title);

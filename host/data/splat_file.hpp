@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Model files of any known format, recognised by content: our own and the published one as they are,
-// files of other tools in the form that they were trained with (gaussian_model.hpp).
+// Loads model files of any known format, recognised by content. ubs files and published files are loaded
+// unchanged; third-party files become models of the variant that they were trained with (gaussian_model.hpp).
 #pragma once
 
 #include <array>
@@ -19,83 +19,86 @@ namespace ubs {
 
 class SplatSeries;
 
-// What tells the formats apart.
+// The parts of a file by which the formats are recognised.
 struct FileStart {
-  std::string bytes;                      // the first sixteen
-  std::string extension;                  // in small letters, with the point
-  std::vector<std::string> ply = {};      // lines of the header of a PLY file, one blank between words
-  std::vector<std::string> members = {};  // names of the files in a ZIP archive; none where it is damaged
-  std::string packed = {};                // first bytes of what gzip has packed; none where it is damaged
+  std::string bytes;                      // the first sixteen bytes
+  std::string extension;                  // in lower case, with the dot
+  std::vector<std::string> ply = {};      // header lines of a PLY file, with one blank between words
+  std::vector<std::string> members = {};  // names of the files in a ZIP archive; empty if it is damaged
+  std::string packed = {};                // first unpacked bytes of a gzip file; empty if it is damaged
   std::string json = {};                  // the text of a JSON file
 };
 
-// A format of model files: a row of the table in splat_file.cpp. A new one needs its reader and writer, a
-// row, and a section of docs/data.md.
+// A format of model files: a row of the table in splat_file.cpp. A new format needs a reader and a writer, a
+// row, and a section in docs/data.md.
 struct SplatFormat {
   enum class Holds { ours, beta, gaussians };
 
-  std::string_view name;       // of --to and of the library: "spz"
-  std::string_view title;      // for messages: "SPZ"
-  std::string_view extension;  // of its files; they are recognised under other names too
+  std::string_view name;       // name in --to and in the library: "spz"
+  std::string_view title;      // name in messages: "SPZ"
+  std::string_view extension;  // usual extension; files with other extensions are recognised too
   Holds holds;
   bool (*recognise)(const FileStart& start);
-  ImportedSplats (*read)(const std::filesystem::path& path);                       // null: ours
-  void (*write)(const std::filesystem::path& path, const ImportedSplats& splats);  // null: ours, or only read
+  ImportedSplats (*read)(const std::filesystem::path& path);  // null: a ubs format
+  // Null: a ubs format, or a format that is only read.
+  void (*write)(const std::filesystem::path& path, const ImportedSplats& splats);
   bool keeps_offset = false;
-  bool keeps_antialiasing = false;  // says whether splats were trained with it
-  std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what write() loses besides
-  std::string_view second_extension = {};  // of files that are written in the same way
-  // For formats that store several moments of a model that moves in one file; null: a file has one moment.
+  bool keeps_antialiasing = false;  // stores whether splats were trained with it
+  std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what else write() loses
+  std::string_view second_extension = {};  // extension of files that the same function writes
+  // For formats that store several moments of a dynamic model in one file. Null: a file has one moment.
   void (*write_series)(const std::filesystem::path& path, const SplatSeries& series) = nullptr;
-  // Reads the moment nearest to `time`, from 0, the first moment, to 1, the last one.
+  // Reads the moment nearest to `time`, which goes from 0 (first moment) to 1 (last moment).
   ImportedSplats (*read_at)(const std::filesystem::path& path, double time) = nullptr;
-  // Throws Error(usage) if a program that writing needs is missing; null: it needs none.
+  // Throws Error(usage) if a program that write() needs is missing. Null: it needs none.
   void (*require_writer)() = nullptr;
 
   bool ours() const { return holds == Holds::ours; }
 };
 
 std::span<const SplatFormat> splat_formats();
-// The names of those that can be written, ours first.
+// Returns the names of the formats that can be written; that of ubs comes first.
 std::vector<std::string> written_formats();
-// Throws Error(usage) where none of the written formats has the name.
+// Throws Error(usage) if no format that can be written has this name.
 const SplatFormat& splat_format(std::string_view name);
-// The written format whose files have this extension, of .ply ours; null: there is none.
+// Returns the format to write a file of this extension with (.ply: that of ubs), or null if there is none.
 const SplatFormat* format_of_extension(const std::filesystem::path& path);
-// Throws Error(data) that says what the file is where it holds no splats: a point cloud, a ZIP archive.
+// Throws Error(data) if the file holds no splats; the message says what it is, for example a point cloud or a
+// ZIP archive.
 const SplatFormat& detect_splat_format(const std::filesystem::path& path);
-// Returns what a file is, in words: one of the formats, or a known kind of file that holds no splats. Empty
-// where it is not known.
+// Returns a description of a file: one of the formats, or a known kind of file that holds no splats. Empty if
+// the kind is not known.
 std::string describe_file(const std::filesystem::path& path);
-// Returns the model that a path names: a file itself; of a folder its model.ply (a run of ours), meta.json or
-// lod-meta.json (SOG), or the last point_cloud/iteration_*/point_cloud.ply (a run of 3DGS). Empty: no model,
-// such as a folder or a JSON file of data.
+// Returns the model file that a path refers to: the file itself or, for a folder, its model.ply (output of
+// ubs), its meta.json or lod-meta.json (SOG), or the last point_cloud/iteration_*/point_cloud.ply (output of
+// 3DGS). Returns an empty path if there is no model, for example for a data folder or a JSON file of data.
 std::filesystem::path find_splat_model(const std::filesystem::path& path);
 
-// Every format but our own. With a time, the moment nearest to it (SplatFormat::read_at); Error(usage) if the
-// format has no moments.
+// Reads all formats except those of ubs. If a time is given, reads the moment nearest to it
+// (SplatFormat::read_at); throws Error(usage) if the format has no moments.
 ImportedSplats read_foreign_splats(const std::filesystem::path& path, std::optional<double> time = {});
-// Warns of an offset that the format has no place for.
+// Writes the file. Warns if the splats have an offset that the format cannot store.
 void write_foreign_splats(const SplatFormat& format, const std::filesystem::path& path,
                           const ImportedSplats& splats);
-// What the format has no place for.
+// Returns sentences about what the format cannot store.
 std::vector<std::string> format_remarks(const SplatFormat& format, const ImportedSplats& splats);
 inline constexpr const char* kLobesLost =
     "the spherical Beta lobes are lost: the format has no place for them";
 
 struct LoadedModel {
-  MixedModel model;                       // several groups in files of ours only
-  const SplatFormat* format = nullptr;    // of the file; null: it is from none
-  std::vector<std::string> comments;      // that a file of ours with this model has
+  MixedModel model;                       // only ubs files have several groups
+  const SplatFormat* format = nullptr;    // of the file; null: not read from a file
+  std::vector<std::string> comments;      // comments that a ubs file with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
-  ModelNotes notes;                       // of a file of ours
-  std::vector<std::string> remarks;       // what reading dropped, did not use and noticed
+  ModelNotes notes;                       // from a ubs file
+  std::vector<std::string> remarks;       // what was dropped, not used or noticed while reading
 };
 
-// The one way from a file, or a folder with one, to a model. `time` as in read_foreign_splats().
+// Loads a model from a file, or from a folder that contains one. All commands use this function. `time` as in
+// read_foreign_splats().
 LoadedModel load_splat_model(const std::filesystem::path& given, std::optional<double> time = {});
 
-// What reading the file dropped, and other remarks, for messages.
+// Returns sentences for messages: what was dropped while reading, and other remarks.
 std::vector<std::string> read_remarks(const ImportedSplats& splats);
 
 }  // namespace ubs

@@ -26,13 +26,14 @@ float dot_of(const Quaternion& a, const Quaternion& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
-// A rotation that maps the axes onto each other: axis k of the turned frame is axis source[k] of the old one.
+// A rotation that maps the axes onto each other: axis k of the rotated frame is axis source[k] of the old
+// one.
 struct AxisTurn {
   Quaternion turn;
   std::array<std::size_t, 3> source;
 };
 
-// The 24 rotations of a cube. They are the products of quarter turns about x and about y.
+// Returns the 24 rotations of a cube. They are the products of quarter turns about x and about y.
 std::vector<AxisTurn> axis_turns() {
   const float h = std::sqrt(0.5f);
   const AxisTurn about_x{{h, h, 0, 0}, {0, 2, 1}}, about_y{{h, 0, h, 0}, {2, 1, 0}};
@@ -48,8 +49,8 @@ std::vector<AxisTurn> axis_turns() {
   return turns;
 }
 
-// Describes the ellipsoid of splat i by the axes that are nearest to those of the moment before. The first
-// turn is the identity, and another one must be clearly nearer.
+// Renames the axes of splat i so that its rotation is as near as possible to that at the previous moment; the
+// ellipsoid stays the same. The axes are renamed only if this is clearly nearer.
 void name_axes_alike(const ImportedSplats& before, ImportedSplats& splats, std::size_t i,
                      std::span<const AxisTurn> turns) {
   constexpr float kClearlyNearer = 1e-4f;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// SplatSeries holds the Gaussians of several moments of a model that moves, for formats that store them in
-// one file. Readers of such files interpolate between two moments, number by number, if both have the same
-// number of splats, and otherwise show each moment until the next one begins. finish() prepares the moments
-// for the first case, keep_apart() for the second.
+// SplatSeries holds the Gaussians of several moments of a dynamic model, for formats that store them in one
+// file. Readers of such files interpolate the values of two moments if both have the same number of splats;
+// otherwise they show each moment until the next one begins. finish() prepares the moments for interpolation,
+// keep_apart() prevents it.
 #pragma once
 
 #include <span>
@@ -15,29 +15,31 @@ namespace ubs {
 class SplatSeries {
  public:
   SplatSeries() = default;
-  // `moments`: one or more, of the same degree of harmonics and the same offset.
+  // `moments`: at least one, all with the same degree of harmonics and the same offset.
   explicit SplatSeries(std::vector<ImportedSplats> moments);
 
   // Adds the next moment. Its harmonics are not stored again if they equal those of the first moment.
   void add(ImportedSplats splats);
 
-  // For moments whose splat i is the same splat at all times. Drops the splats whose opacity is below
-  // `least_opacity` at all moments. A splat that is invisible at some moments gets its place and shape of the
-  // nearest moment at which it is visible, because a model that moves says nothing sensible about a splat
-  // outside of its time. Axes are renamed where another order of them, or another sign of the quaternion, is
-  // nearer to that of the moment before. Returns false and changes nothing if the numbers of splats differ.
+  // Prepares moments in which splat i is the same splat at all times.
+  // Drops the splats whose opacity is below `least_opacity` at all moments. A splat that is invisible at some
+  // moments gets its position and shape of the nearest moment at which it is visible, because the values of a
+  // dynamic model are meaningless for a splat outside of its time. Renames axes, or changes the sign of the
+  // quaternion, if this is nearer to the previous moment.
+  // Returns false and changes nothing if the numbers of splats differ.
   bool finish(float least_opacity);
 
-  // For moments whose splats do not belong together, such as moments that were trained separately. Adds an
-  // invisible splat to a moment that has as many splats as the one before.
+  // Prepares moments whose splats do not correspond, such as moments that were trained separately. If a
+  // moment has as many splats as the previous one, adds an invisible splat to it, so that readers do not
+  // interpolate.
   void keep_apart();
 
   std::size_t size() const { return moments_.size(); }
   std::span<const ImportedSplats> moments() const { return moments_; }
-  // Returns the harmonics of a moment, which may be stored at the first one.
+  // Returns the harmonics of a moment. If they equal those of the first moment, they are stored only there.
   static const std::vector<float>& sh(std::span<const ImportedSplats> moments, std::size_t moment);
   const std::vector<float>& sh(std::size_t moment) const { return sh(moments_, moment); }
-  // Returns the largest number of splats of a moment.
+  // Returns the number of splats of the moment that has the most.
   std::size_t largest_count() const;
 
  private:

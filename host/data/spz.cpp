@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Niantic SPZ; see foreign_formats.hpp. After a header come, attribute after attribute: positions (24-bit
-// fixed point), opacities (8 bit), colours (8 bit), log scales (8 bit), rotations (v2: x y z in 8 bits
-// each; v3, v4: the three smallest components in 10 bits each), harmonics (8 bit, channels innermost).
-// Versions 2 and 3 pack all of it with gzip; version 4 has a table of one Zstandard stream per attribute.
+// Reads and writes Niantic SPZ; see foreign_formats.hpp. The header is followed by one array per attribute:
+// positions (24-bit fixed point), opacities (8 bit), colours (8 bit), log scales (8 bit), rotations (v2: x y
+// z in 8 bits each; v3, v4: the three smallest components in 10 bits each), harmonics (8 bit, channels
+// innermost). Versions 2 and 3 compress everything with gzip; version 4 has a table of one Zstandard stream
+// per attribute.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -22,10 +23,12 @@ using Bytes = std::span<const std::byte>;
 constexpr std::uint32_t kSpzMagic = 0x5053474e;  // "NGSP"
 constexpr std::size_t kHeader = 16;
 constexpr std::uint8_t kAntialiased = 1;
-constexpr double kColourScale = 0.15;   // of the coefficient of the constant harmonic
-constexpr int kFractionBits = 12;       // what the writer prefers; fewer where the scene is large
-constexpr double kMostSteps = 8388606;  // that 24 bits hold, and one to spare
-// Zstandard can pack constants tighter than any count could justify; splats are not constants.
+constexpr double kColourScale = 0.15;  // scale of the coefficient of the constant harmonic
+constexpr int kFractionBits = 12;      // the writer's choice; fewer if the scene is large
+// The largest number of steps that 24 bits hold, minus one.
+constexpr double kMostSteps = 8388606;
+// Maximum plausible compression ratio. Zstandard can compress constant data so strongly that a small file
+// could claim any number of splats, but splats are not constant.
 constexpr std::size_t kMaxZstdRatio = 20000;
 
 struct Header {
@@ -42,7 +45,7 @@ Header read_header(ByteReader& in) {
   h.degree = in.read<std::uint8_t>();
   h.fraction_bits = in.read<std::uint8_t>();
   h.flags = in.read<std::uint8_t>();
-  h.streams = in.read<std::uint8_t>();  // reserved before version 4
+  h.streams = in.read<std::uint8_t>();  // reserved in versions before 4
   if (h.version < 2 || h.version > 4)
     fail(ErrorKind::data, "{}: SPZ version {} is not supported: 2, 3 and 4 are", in.name(), h.version);
   if (h.degree > 4) fail(ErrorKind::data, "{}: harmonics of degree {}", in.name(), h.degree);
@@ -50,7 +53,7 @@ Header read_header(ByteReader& in) {
   return h;
 }
 
-// Bytes per splat of each attribute, in file order.
+// Returns the bytes per splat of each attribute, in file order.
 std::array<std::size_t, 6> attribute_sizes(const Header& h) {
   const std::size_t harmonics = 3 * (static_cast<std::size_t>((h.degree + 1) * (h.degree + 1)) - 1);
   return {9, 1, 3, 3, h.version == 2 ? 3u : 4u, harmonics};
@@ -61,7 +64,7 @@ std::uint8_t byte_at(Bytes bytes, std::size_t i) { return std::to_integer<std::u
 float position_at(Bytes bytes, std::size_t i, double step) {
   const std::uint32_t raw =
       byte_at(bytes, 3 * i) | byte_at(bytes, 3 * i + 1) << 8 | byte_at(bytes, 3 * i + 2) << 16;
-  const std::int32_t value = static_cast<std::int32_t>(raw << 8) >> 8;  // sign of 24 bits
+  const std::int32_t value = static_cast<std::int32_t>(raw << 8) >> 8;  // extends the sign of 24 bits
   return static_cast<float>(value * step);
 }
 
@@ -76,8 +79,8 @@ std::array<float, 4> rotation_v2(Bytes bytes, std::size_t i) {
   return q;
 }
 
-// Order x y z w; 9 bits of magnitude and a sign each, the last component in the lowest bits, the number
-// of the largest one on top.
+// Decodes a quaternion with the order x y z w: a sign and 9 bits of magnitude for each stored component, the
+// last component in the lowest bits, and the index of the largest component in the highest bits.
 std::array<float, 4> rotation_v3(Bytes bytes, std::size_t i) {
   std::uint32_t packed;
   std::memcpy(&packed, bytes.data() + 4 * i, sizeof packed);
@@ -102,7 +105,7 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
   splats.resize(h.count);
   const double step = std::ldexp(1.0, -h.fraction_bits);
   const std::size_t stored = attribute_sizes(h)[5], coefficients = splats.coefficients();
-  for (std::size_t i = 0; i < h.count; ++i) {  // degree 4 of the harmonics is dropped
+  for (std::size_t i = 0; i < h.count; ++i) {  // harmonics of degree 4 are dropped
     splats.positions[i] = {position_at(a[0], 3 * i, step), -position_at(a[0], 3 * i + 1, step),
                            -position_at(a[0], 3 * i + 2, step)};
     splats.opacity_logits[i] = logit_of(byte_at(a[1], i) / 255.0);
@@ -151,7 +154,7 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
     attributes[s] = plain[s];
     at += packed;
   }
-  for (std::size_t s = wanted; s < h.streams; ++s) {  // of later versions: known by their sizes only
+  for (std::size_t s = wanted; s < h.streams; ++s) {  // streams of later versions; only their sizes are known
     const auto packed = toc.read<std::uint64_t>();
     toc.skip(sizeof(std::uint64_t));
     if (packed > file.size() - at) fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
@@ -190,7 +193,8 @@ double largest_coordinate(const ImportedSplats& splats) {
   return largest;
 }
 
-// As many fraction bits as the farthest coordinate leaves of 23; none where it does not fit at all.
+// Returns the number of fraction bits: as many of 23 as the largest coordinate allows, or 0 if it does not
+// fit at all.
 int fraction_bits_for(double largest) {
   int bits = kFractionBits;
   while (bits > 0 && std::ldexp(largest, bits) > kMostSteps) --bits;
@@ -216,7 +220,8 @@ ImportedSplats read_spz(const std::filesystem::path& path) {
   if (bytes.size() < 18) fail(ErrorKind::data, "{}: too short for an SPZ file", name);
   std::uint32_t magic;
   std::memcpy(&magic, bytes.data(), sizeof magic);
-  if (magic == kSpzMagic) {  // not packed with gzip: version 4, or an older one that somebody has unpacked
+  // Not compressed with gzip: version 4, or an older version that was unpacked.
+  if (magic == kSpzMagic) {
     ByteReader plain(bytes, name);
     return read_header(plain).version == 4 ? parse_v4(bytes, name) : parse_spz(bytes, name);
   }
@@ -264,7 +269,7 @@ std::vector<std::string> spz_remarks(const ImportedSplats& splats) {
     remarks.push_back(
         fmt::format("positions are rounded to steps of {}: SPZ has 24 bits for the farthest splat",
                     std::ldexp(1.0, -bits)));
-  // The ends of 8 bits, and half a step more.
+  // The limits of 8 bits, plus half a step.
   const auto outside = [&](std::size_t i) {
     const std::size_t n = 3 * splats.coefficients();
     const auto over = [](float v, double low, double high) { return !(v >= low && v <= high); };

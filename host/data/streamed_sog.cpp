@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Streamed SOG; see foreign_formats.hpp. lod-meta.json holds the names of SOG files (`filenames`) and a tree
-// of space (`tree`): a node has `children`, or `lods`, which gives for a level of detail the file and the
-// range of splats in it that the node shows. Level 0 is the finest. `environment` names a SOG file that is
-// always shown.
+// Reads streamed SOG; see foreign_formats.hpp. lod-meta.json holds the names of SOG files (`filenames`) and a
+// spatial tree (`tree`). A node of the tree has `children` or `lods`. `lods` states, for each level of
+// detail, the file and the range of splats that the node shows. Level 0 is the finest. `environment` names a
+// SOG file that is always shown.
 #include <algorithm>
 #include <charconv>
 #include <compare>
@@ -21,7 +21,7 @@ struct LodRange {
   std::size_t file = 0, offset = 0, count = 0;
   auto operator<=>(const LodRange&) const = default;
 };
-using LodRanges = std::map<std::size_t, std::vector<LodRange>>;  // by level
+using LodRanges = std::map<std::size_t, std::vector<LodRange>>;  // by level of detail
 
 void collect_ranges(const Json& node, LodRanges& ranges, const std::string& name) {
   if (node.contains("children"))
@@ -46,7 +46,7 @@ void append_ranges(std::optional<ImportedSplats>& splats, const ImportedSplats& 
            name, range.offset, range.offset + range.count, file.report.folder, file.count());
     end = range.offset + range.count;
   }
-  // Nearly always the nodes share the file among them.
+  // The ranges of the nodes usually cover the whole file, so join adjacent ones.
   std::vector<LodRange> joined;
   for (const LodRange& range : ranges)
     if (!joined.empty() && joined.back().offset + joined.back().count == range.offset)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras, sampling and files of the procedural data sets; see synthetic.hpp.
+// Makes the cameras, samples and files of the procedural data sets; see synthetic.hpp.
 #include "host/data/synthetic.hpp"
 
 #include <algorithm>
@@ -32,15 +32,16 @@ std::array<SplitPlan, 3> plan(const SyntheticOptions& o) {
   return {{{"train", o.train_views, 0}, {"test", o.test_views, 1}, {"val", o.val_views, 2}}};
 }
 
-// Camera-to-world, OpenGL axes.
+// Camera-to-world pose with OpenGL axes.
 struct Pose {
   Vec3 right, up, back, centre;
   double time = 0;
 };
 
-// Views spread evenly over the upper hemisphere by the two-dimensional golden-ratio sequence
-// (Roberts 2018: powers of 1/1.3247..., the root of x^3 = x + 1), shifted at random per split; any
-// prefix of it is spread evenly, so that time and place are not correlated in a dynamic scene.
+// Returns camera i of a split. The views are spread evenly over the upper hemisphere by the two-dimensional
+// golden-ratio sequence (Roberts 2018: powers of 1/1.3247..., the root of x^3 = x + 1), with a random shift
+// per split. Any prefix of the sequence is spread evenly too, so that time and position are not correlated in
+// a dynamic scene.
 Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene& scene) {
   const CounterRandom random(seed, split.stream);
   const auto sequence = [&](std::uint32_t lane, double step) {
@@ -56,7 +57,7 @@ Pose place_camera(const SplitPlan& split, int i, std::uint64_t seed, const Scene
   pose.up = pose.back.cross(pose.right);
   pose.centre = pose.back * kSyntheticDistance + Vec3(0, 0, scene.focus_height());
   if (!scene.dynamic()) return pose;
-  const bool training = split.stream == 0;  // the other splits fall between the training times
+  const bool training = split.stream == 0;  // times of the other splits lie between the training times
   pose.time = training ? static_cast<double>(i) / std::max(1, split.views - 1) : (i + 0.5) / split.views;
   return pose;
 }
@@ -79,7 +80,7 @@ Sample sample_pixel(const Scene& scene, const Pose& pose, const SyntheticOptions
   return {sum.colour * (1 / rays), sum.alpha / rays};
 }
 
-// 8-bit RGBA with straight alpha; fully transparent pixels are black.
+// Renders 8-bit RGBA with straight alpha; fully transparent pixels are black.
 std::vector<std::uint8_t> render(const Scene& scene, const Pose& pose, const SyntheticOptions& o) {
   std::vector<std::uint8_t> rgba;
   rgba.reserve(static_cast<std::size_t>(o.width) * static_cast<std::size_t>(o.height) * 4);
@@ -135,7 +136,7 @@ fs::path transforms_file(const fs::path& out, const SplitPlan& split) {
   return out / fmt::format("transforms_{}.json", split.name);
 }
 
-// What the export may write or remove.
+// Returns all files that the export may write or replace.
 std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
   std::vector<fs::path> files;
   for (const SplitPlan& split : plan(o)) {
@@ -145,7 +146,8 @@ std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
   return files;
 }
 
-// Without the JSON files of an earlier export the folder is no data set until the new ones are written.
+// Removes the JSON files of an earlier export first, so that the folder is not a valid data set until the new
+// ones are written.
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
   if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
   for (const fs::path& file : files_of(o, out)) {

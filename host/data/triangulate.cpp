@@ -16,21 +16,23 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kPictures = 200;  // at most, evenly chosen
-constexpr std::size_t kNeighbours = 6;  // of a picture, with which it is matched
-constexpr double kBand = 2;             // [px] from the epipolar line, and of the point from its corners
-constexpr double kMinAngle = 0.01;      // between two rays
-constexpr double kAgreement = 0.8;      // of the patches about two corners that are the same point
-constexpr double kRefined = 0.05;       // more and less than where the rays meet, as a share of 1/depth
-constexpr int kRefinedDepths = 11;      // tried there
+constexpr std::size_t kPictures = 200;  // maximum number of images used, evenly spaced
+constexpr std::size_t kNeighbours = 6;  // number of images that each image is matched with
+// Maximum distance [px] of a match from the epipolar line, and of the projected point from its corners.
+constexpr double kBand = 2;
+constexpr double kMinAngle = 0.01;  // minimum angle between two rays [rad]
+constexpr double kAgreement = 0.8;  // minimum correlation of the patches around two matched corners
+// Search range around the intersection of the rays, as a share of 1/depth
+constexpr double kRefined = 0.05;
+constexpr int kRefinedDepths = 11;  // number of depths tried in this range
 
-// Pixels between corners.
-constexpr std::size_t kAround = 8;        // corners, whose depths bound that of a pixel between them
-constexpr double kBeyond = 0.1;           // further than these, as a share of 1/depth
-constexpr int kDepths = 16;               // tried
-constexpr std::size_t kComparedWith = 4;  // of the matched pictures, those taken from nearest
+// Constants for the pixels between corners.
+constexpr std::size_t kAround = 8;        // number of nearest corners whose depths bound that of a pixel
+constexpr double kBeyond = 0.1;           // extension of these bounds, as a share of 1/depth
+constexpr int kDepths = 16;               // number of depths tried
+constexpr std::size_t kComparedWith = 4;  // number of matched images used, those with the nearest cameras
 constexpr double kPlacedAgreement = 0.85;
-constexpr std::size_t kTries = 4;  // pixels drawn for one that is placed
+constexpr std::size_t kTries = 4;  // maximum number of pixels tried per point to place
 constexpr std::uint32_t kStream = 0x706c6163;
 
 void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
@@ -39,13 +41,13 @@ void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
 }
 
 struct Match {
-  std::size_t a, b;  // corners
+  std::size_t a, b;  // indices of corners
   std::array<std::uint8_t, 3> colour;
   Vec3 point;
   double angle;
 };
 
-// Where two rays pass each other, if that is before both cameras.
+// Returns the point midway between two rays where they are closest, if it is in front of both cameras.
 std::optional<Vec3> meet(const Vec3& p, const Vec3& d, const Vec3& q, const Vec3& e) {
   const Vec3 w = p - q;
   const double dd = dot(d, d), de = dot(d, e), ee = dot(e, e), dw = dot(d, w), ew = dot(e, w);
@@ -72,7 +74,7 @@ std::vector<Match> match(const Corners& a, const Corners& b) {
       return !at || std::hypot((*at)[0] - in.at[k][0], (*at)[1] - in.at[k][1]) > kBand * in.pixel();
     };
     if (off(a, i) || off(b, j)) continue;
-    // Corners are whole pixels: the patches about them know better.
+    // Corners are at whole pixels, so comparing the patches around them gives a more accurate depth.
     const double depth = in_camera(a.camera(), *point)[2];
     const GreyPicture* const other = &b.picture;
     const auto better = Patch(a.picture, a.at[i])
@@ -88,7 +90,8 @@ struct SeenPoint {
   double depth;
 };
 
-// Points at random pixels of a picture that some of `others` show at a depth like that of corners around.
+// Adds points at random pixels of an image. The depth of a pixel is searched in the range of the depths of
+// the nearest corners; a point is added if images of `others` agree at some depth.
 void place_between(const View& view, const GreyPicture& picture, std::span<const GreyPicture* const> others,
                    std::span<const SeenPoint> seen, std::size_t count, const CounterRandom& random,
                    std::uint64_t first_draw, PointCloud& out) {

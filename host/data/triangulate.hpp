@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Initial points from the pictures of a still scene: two that show the same corner tell where it is, and how
-// far the pixels around it can be.
+// triangulate() computes initial points from the images of a still scene. A corner that two images show gives
+// a point, and the corners around a pixel limit its possible depth.
 #pragma once
 
 #include <cstddef>
@@ -14,15 +14,17 @@ namespace ubs {
 
 struct Triangulation {
   PointCloud points;
-  std::size_t corners = 0;  // the first of them; behind these, pixels between
+  std::size_t corners = 0;  // number of corner points, which come first; pixels between corners follow
 };
 
-// Corners (SIFT) of at most 200 views, evenly chosen, matched between neighbours along the lines that
-// their cameras prescribe, and placed where the two rays meet; of several pairs the one with the widest angle
-// counts. Then about `between` random pixels, fewer where little has texture: each takes the depth, among
-// those of the corners around it, at which two neighbours show its surroundings best. Nothing where the
-// pictures have no texture or the scene moves, and in a build without OpenCV. The same points at every call
-// with `seed`.
+// Finds corners (SIFT descriptors) in at most 200 evenly chosen views and matches them between neighbours
+// along the epipolar lines of their cameras. Each point is placed where its two rays meet; if several pairs
+// show the same point, the pair with the widest angle is used.
+// Then adds about `between` random pixels, or fewer if large parts of the images have no texture. The depth
+// of such a pixel is searched in the range of the corners around it, and is the one at which the pixel's
+// surroundings agree best with two neighbouring images.
+// Returns nothing if the images have no texture, if the scene moves, or in a build without OpenCV.
+// Deterministic: repeated calls with the same `seed` return the same points.
 Triangulation triangulate(std::span<const View> views, std::size_t between, std::uint64_t seed);
 
 }  // namespace ubs

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// See ubsz.hpp. A value is centre + (step 2^k) code in double precision, in this order, then rounded to
-// float32: readers in other languages get the same bits.
+// See ubsz.hpp. A value is centre + (step 2^k) code, computed in double precision in this order, then rounded
+// to float32. So readers in other languages get bit-identical values.
 #include "host/data/ubsz.hpp"
 
 #include <zlib.h>
@@ -22,17 +22,21 @@ namespace ubs {
 namespace {
 
 constexpr std::uint32_t kUbszVersion = 1, kUbszLevelsVersion = 2;
-// An axis of a place: three make a number that a double holds. Half of it is on either side of the centre.
+// Bits of a position per axis. Three axes fit into a number that a double holds exactly. Half of the codes
+// are on either side of the centre.
 constexpr int kPlaceBits = 17;
-// Steps from the centre that are as they are; from there on each doubling of the distance doubles the step.
-// Strays and surroundings a hundred times as far as the rest are in every trained model.
+// Up to this many steps from the centre, positions are stored in whole steps. Beyond it, each doubling of the
+// distance doubles the step, because every trained model has stray splats and surroundings a hundred times as
+// far away as the rest.
 constexpr std::int64_t kNearSteps = 8192;
-constexpr double kFarSteps = 1 << 27;  // where the codes end
+constexpr double kFarSteps = 1 << 27;  // maximum distance [steps] that can be encoded
 constexpr std::size_t kClasses = kUbszCoarsest + 1;
-// A plane shorter than this shares its Huffman code with its neighbours, whose 60 bytes are worth more then.
+// A plane shorter than this shares its Huffman code with its neighbours, because the 60 bytes of a separate
+// code would cost more than they save.
 constexpr std::size_t kOwnCode = 1500;
 
-// Row of parameters: `bytes` planes of codes around `centre`; of float32 itself where `bytes` is 4.
+// Encoding of a row of parameters: `bytes` planes of codes around `centre`, or float32 values if `bytes` is
+// 4.
 struct RowCode {
   int bytes = 4;
   double centre = 0, step = 0;
@@ -42,10 +46,10 @@ struct GroupCode {
   int dim = 3;
   std::size_t count = 0;
   bool exact = true;
-  std::array<std::size_t, kClasses> classes{};  // splats of each, in the order of the file
-  double centre[3] = {}, place_step = 0;        // of the places
-  int place_bytes = 0;                          // of an interleaved place
-  std::vector<RowCode> rows;                    // behind the places
+  std::array<std::size_t, kClasses> classes{};  // number of splats of each class, in file order
+  double centre[3] = {}, place_step = 0;        // of the positions
+  int place_bytes = 0;                          // bytes of an interleaved position
+  std::vector<RowCode> rows;                    // the rows after the positions
 };
 
 std::uint64_t gather_bits(std::uint64_t v) {
@@ -54,7 +58,8 @@ std::uint64_t gather_bits(std::uint64_t v) {
   return out;
 }
 
-// Of a coordinate in steps from the centre; the middle of what the code stands for.
+// Encodes a coordinate, given in steps from the centre. far_steps() decodes it to the middle of the interval
+// that the code stands for.
 std::int64_t far_code(std::int64_t steps) {
   const std::int64_t size = std::abs(steps);
   if (size < kNearSteps) return steps;
@@ -77,8 +82,8 @@ std::int64_t unzigzag(std::uint32_t v) {
 
 double code_value(double centre, double step, double code) { return centre + step * code; }
 
-// gzip of planes. Noise has nothing to copy: runs and Huffman codes alone, and codes of their own for long
-// planes.
+// Compresses planes with gzip. The data are mostly noise without repeated strings, so only run lengths and
+// Huffman codes help. Long planes get Huffman codes of their own.
 class PlaneWriter {
  public:
   PlaneWriter() {
@@ -111,7 +116,7 @@ class PlaneWriter {
   std::vector<std::byte> out_;
 };
 
-// The low bytes of all, then the next ones.
+// Writes the lowest bytes of all values, then the next bytes, and so on.
 template <typename T>
 void put_planes(PlaneWriter& out, std::span<const T> values, int bytes) {
   std::vector<std::byte> plane(values.size());
@@ -149,7 +154,8 @@ double middle_of(std::span<const float> row) {
   return sorted[sorted.size() / 2];
 }
 
-// The steps of a row whose codes would not fit into three bytes are not looked at: it stays as it is.
+// Returns the encoding of a row. If the codes would not fit into three bytes, the step is ignored and the row
+// is stored exactly.
 RowCode row_code(std::span<const float> row, double step, std::span<const std::uint8_t> classes) {
   RowCode code;
   code.centre = middle_of(row);
@@ -162,7 +168,8 @@ RowCode row_code(std::span<const float> row, double step, std::span<const std::u
   return code;
 }
 
-// How a group is coded, and the order of its splats: by class, within it along a curve through space.
+// Determines how a group is encoded, and the order of its splats: by class, and within a class along a
+// space-filling curve.
 GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vector<std::size_t>& order) {
   GroupCode group{.dim = model.dim, .count = model.count, .exact = false};
   const ParameterLayout layout = model.layout();
@@ -176,7 +183,7 @@ GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vecto
     group.centre[axis] = middle_of(model.row(axis));
     for (const float v : model.row(axis)) extent = std::max(extent, std::abs(v - group.centre[axis]));
   }
-  // Places too far apart for their step have the finest one that reaches them.
+  // If positions are too far apart for their step, use the finest step that reaches them.
   group.place_step = std::max(steps.steps[0], extent / (kFarSteps - 2));
   std::vector<std::uint64_t> places(model.count);
   std::uint64_t most = 0;
@@ -205,7 +212,8 @@ Json group_json(const GroupCode& group) {
   return json;
 }
 
-// Class by class: differences of places, then row by row.
+// Writes the classes one after the other: first differences of positions, then the other parameters row by
+// row.
 void put_group(PlaneWriter& out, const SplatModel& model, const GroupCode& group,
                const std::vector<std::size_t>& order) {
   const ParameterLayout layout = model.layout();
@@ -282,7 +290,7 @@ void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::strin
       fail(kind, "{}: a value of a splat of N = {} is not finite", name, group.dim);
 }
 
-// ---- The header of a file that is read; anything unexpected is damage ----
+// ---- The header of a file that is read; anything unexpected counts as damage ----
 
 GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t room, std::size_t& plain) {
   GroupCode group;
@@ -303,7 +311,7 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
           {row.at("bytes").get<int>(), row.at("centre").get<double>(), row.at("step").get<double>()});
     bytes = static_cast<std::size_t>(group.place_bytes);
     for (const RowCode& row : group.rows) bytes += static_cast<std::size_t>(row.bytes);
-    std::size_t rest = group.count;  // no sum that could overflow
+    std::size_t rest = group.count;  // subtracts, because a sum could overflow
     for (const std::size_t n : group.classes) {
       if (n > rest) fail(ErrorKind::data, "classes of more splats than there are");
       rest -= n;
@@ -326,7 +334,7 @@ SplatModel rounded(const SplatModel& model, const UbszSteps& steps) {
 
 namespace {
 
-// The groups of a model for the header, and their planes.
+// Returns the header entries of the groups of a model, and appends their planes to `packed`.
 Json pack_groups(const MixedModel& model, std::span<const UbszSteps> steps, std::vector<std::byte>& packed) {
   check_groups(model);
   check_ubsz_finite(model, ErrorKind::numerical, "not written");
@@ -370,8 +378,8 @@ SplatModel joined(const SplatModel& a, const SplatModel& b) {
   return out;
 }
 
-// Joins groups of the same dimension, in the order of their first ones. Neighbours first: one after the other
-// would copy the first levels once for each further one.
+// Joins groups of the same dimension, in the order in which the dimensions first appear. Joins neighbours
+// pairwise, because joining one after the other would copy the first levels again for each further one.
 void join_groups(std::vector<SplatModel>& groups) {
   std::vector<std::vector<SplatModel>> parts;
   for (SplatModel& group : groups) {
@@ -391,7 +399,7 @@ void join_groups(std::vector<SplatModel>& groups) {
   }
 }
 
-// Adds groups of a header.
+// Decodes the groups of a header and adds them to the model.
 void unpack_groups(const Json& json, std::span<const std::byte> packed, const ModelVariant& variant,
                    const std::string& name, MixedModel& model) {
   std::vector<GroupCode> groups;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// undistort() of undistort.hpp: OpenCV resamples.
+// undistort() (undistort.hpp) resamples images with OpenCV.
 #include "host/data/undistort.hpp"
 
 #include <opencv2/core.hpp>
@@ -14,7 +14,7 @@ Image8 undistort(const Image8& image, const Undistortion& plan) {
   if (image.width != lens.width || image.height != lens.height)
     fail(ErrorKind::internal, "image {}x{} for a lens of {}x{}", image.width, image.height, lens.width,
          lens.height);
-  // Where the left and right borders of the image meet, pixels beside one border are those of the other.
+  // If the left and right borders of the image meet, the pixels next to one border continue at the other.
   const int wrapped = lens.formula && lens.formula->all_directions ? std::min(4, image.width) : 0;
   cv::Mat map_x(plan.height, plan.width, CV_32F), map_y(plan.height, plan.width, CV_32F);
   const auto& m = plan.rotation;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes OpenUSD files with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03; see
-// foreign_formats.hpp. The text form needs no library. The binary form is made from the text by OpenUSD's own
-// programs (usdc.cpp).
-// One prim holds all splats. Scales and opacities are stored as they are, not as logarithms and logits;
-// quaternions as (w, x, y, z); the harmonics splat after splat, a triple of channels for each coefficient.
-// The splats are turned by half a revolution about x, as in glTF, because y points up on the stage.
+// foreign_formats.hpp. The text form needs no library. OpenUSD's own programs make the binary form from the
+// text (usdc.cpp).
+// One prim holds all splats. Scales and opacities are stored linearly, not as logarithms and logits;
+// quaternions as (w, x, y, z); harmonics splat after splat, with three channels for each coefficient. The
+// splats are rotated by half a revolution about x, as in glTF, because y points up on the stage.
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -19,14 +19,15 @@
 namespace ubs {
 namespace {
 
-// The extent covers every place at which a splat is more opaque than 1/255, the threshold of 3DGS:
-// sqrt(2 ln 255) standard deviations.
+// The extent covers every position at which a splat has an opacity of more than 1/255, the threshold of 3DGS.
+// This is sqrt(2 ln 255) standard deviations.
 constexpr double kUsdExtentSigmas = 3.3290;
 constexpr int kUsdCodesPerSecond = 24;  // USD's own default
 
 constexpr std::size_t kUsdFlushBytes = std::size_t{1} << 20;
 
-// Text on its way to a file. Numbers have as many digits as it takes to read the same float32 or float64.
+// Text that is written to a file in blocks. Numbers have enough digits to read back the same float32 or
+// float64.
 class UsdaText {
  public:
   explicit UsdaText(AtomicFile& file) : file_(file) {}
@@ -64,7 +65,7 @@ class UsdaText {
   std::string text_;
 };
 
-// Element i of an attribute at a moment is at(splats, i), an array of N floats.
+// Writes an array of `count` elements; at(i) returns element i as an array of N floats.
 template <std::size_t N, typename At>
 void print_usd_array(UsdaText& out, std::size_t count, const At& at) {
   out.put("[");
@@ -75,8 +76,8 @@ void print_usd_array(UsdaText& out, std::size_t count, const At& at) {
   out.put("]");
 }
 
-// Writes an attribute once if it is the same at all moments, otherwise as time samples. `count` and `at` get
-// the moment first.
+// Writes an attribute once if it is the same at all moments, otherwise as time samples. The first argument of
+// `count` and `at` is the moment.
 template <std::size_t N, typename Count, typename At>
 void print_usd_attribute(UsdaText& out, const char* declaration, std::size_t moments, bool constant,
                          const Count& count, const At& at) {
@@ -98,7 +99,7 @@ void print_usd_attribute(UsdaText& out, const char* declaration, std::size_t mom
   out.put("    }\n");
 }
 
-// Returns the corners of a box around all splats, in the axes of the stage, rounded outwards.
+// Returns two opposite corners of a box around all splats, in the axes of the stage, rounded outwards.
 std::array<std::array<float, 3>, 2> usd_extent(const ImportedSplats& splats) {
   std::array<double, 3> low{INFINITY, INFINITY, INFINITY}, high{-INFINITY, -INFINITY, -INFINITY};
   for (std::size_t i = 0; i < splats.count(); ++i) {

@@ -9,7 +9,7 @@
 
 namespace ubs {
 
-static constexpr std::size_t kUsdMaxDepth = 200;  // of prims in prims
+static constexpr std::size_t kUsdMaxDepth = 200;  // maximum nesting of prims
 
 UsdLayer UsdaParser::parse() {
   if (!text_.starts_with("#usda ")) fail(ErrorKind::data, "{}: not a USD text file", name_);
@@ -139,7 +139,7 @@ Number UsdaParser::number() {
   const auto [stop, code] = std::from_chars(begin, end, value);
   if (stop != end || code == std::errc::invalid_argument)
     error(fmt::format("'{}' is not a number", digits.substr(0, 40)));
-  // Too large, or too small: from_chars leaves the value alone.
+  // If the number is too large or too small, from_chars does not change the value.
   if (code == std::errc::result_out_of_range) {
     const std::size_t exponent = digits.find_first_of("eE");
     const bool tiny = exponent != std::string_view::npos && digits.substr(exponent + 1).starts_with('-');
@@ -215,8 +215,8 @@ void UsdaParser::skip_value() {
   while (depth > 0);
   if (depth < 0) error("a bracket that nothing opens");
   if (!reference) return;
-  if (peek() == '<') skip_to(">", "a path");  // the prim in the file
-  if (peek() == '(') skip_value();            // shifts its time
+  if (peek() == '<') skip_to(">", "a path");  // a prim in the referenced file
+  if (peek() == '(') skip_value();            // a time offset of the reference
 }
 
 template <typename Found>
@@ -228,7 +228,7 @@ void UsdaParser::metadata(const Found& found) {
       continue;
     }
     std::string key(word());
-    while (peek() != '=' && peek() != ')' && peek() != '\0') key = word();  // behind "prepend"
+    while (peek() != '=' && peek() != ')' && peek() != '\0') key = word();  // skips words such as "prepend"
     if (peek() != '=') error("metadata without a value");
     ++at_;
     peek();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// UsdaParser reads the text form of OpenUSD: it walks through prims and their properties, and remembers where
-// the value of each property is in the text. Numbers are read only from the values that are needed.
-// References, payloads, sublayers and variants are not followed. Everything throws Error(data) with the name
+// UsdaParser reads the text form of OpenUSD. It visits prims and their properties, and stores the position of
+// each property's value in the text; only the values that are needed are converted to numbers. It does not
+// follow references, payloads, sublayers and variants. All errors are Error(data) with the name of the file
 // and the line.
 #pragma once
 
@@ -18,7 +18,7 @@ namespace ubs {
 
 inline constexpr std::size_t kUsdNone = std::numeric_limits<std::size_t>::max();
 
-// Where the values of a property are in the text; kUsdNone: it has none.
+// Positions of a property's values in the text; kUsdNone if it has no value.
 struct UsdProperty {
   std::size_t value = kUsdNone;
   std::vector<std::pair<double, std::size_t>> samples;  // time code, value
@@ -27,14 +27,15 @@ struct UsdProperty {
 struct UsdPrim {
   std::string type, name;
   std::size_t parent = kUsdNone;
-  bool drawn = true;  // a definition, active, below prims that are such
+  bool drawn = true;  // the prim is a definition and active, and so are all prims above it
   std::map<std::string, UsdProperty, std::less<>> properties;
 };
 
 struct UsdLayer {
   std::map<std::string, std::size_t, std::less<>> metadata;  // of the layer
   std::vector<UsdPrim> prims;
-  std::set<std::string> arcs;  // what refers to other files, or chooses among parts of this one
+  // Composition arcs: statements that refer to other files, or choose among parts of this file.
+  std::set<std::string> arcs;
 };
 
 class UsdaParser {
@@ -43,7 +44,7 @@ class UsdaParser {
 
   UsdLayer parse();
 
-  // ---- Values, read at the place where they stand ----
+  // ---- Values: read at their position in the text ----
 
   // Sets `values` to the numbers of an array whose elements have `width` numbers. Returns false for None.
   bool read_array(std::size_t at, std::size_t width, std::vector<float>& values);
@@ -54,49 +55,49 @@ class UsdaParser {
   // Returns a string or token.
   std::string read_text(std::size_t at);
 
-  // Returns the strings of an array of them.
+  // Returns the strings of an array.
   std::vector<std::string> read_texts(std::size_t at);
 
  private:
   [[noreturn]] void error(const std::string& what) const;
 
-  // The next character that is neither blank nor part of a comment; 0 at the end.
+  // Skips blanks and comments and returns the next character; 0 at the end of the text.
   char peek();
 
   void expect(char c);
 
   std::string shortened_rest() const;
 
-  // A keyword, type or name: up to a blank or a character that has a meaning of its own.
+  // Returns a keyword, type or name: all characters up to a blank or a special character.
   std::string_view word();
 
   template <typename Number>
   Number number();
 
-  // Skips a string in any of its four forms, and returns what is in it with its escapes as they stand.
+  // Skips a string in any of its four forms. Returns its content without converting escapes.
   std::string string();
 
   void skip_to(std::string_view end, const char* what);
 
   void skip_asset();
 
-  // One string, asset path, path or bracket, or one word; returns how the depth of brackets changed.
+  // Skips one string, asset path, path, bracket or word. Returns how the nesting depth of brackets changed.
   int skip_token();
 
   void skip_value();
 
-  // `found` is called for each entry, with the parser at its value.
+  // Calls `found` for each entry, with the parser at the entry's value.
   template <typename Found>
   void metadata(const Found& found);
 
   static void note_arc(UsdLayer& layer, const std::string& key);
 
-  // What stands in a layer or a prim.
+  // Parses one item of a layer or of a prim.
   void prim_or_statement(UsdLayer& layer, std::size_t parent, std::size_t depth);
 
   void prim(UsdLayer& layer, std::size_t parent, std::size_t depth, const std::string& specifier);
 
-  // [custom] [uniform] type[[]] name[.timeSamples] [= value] [(metadata)]
+  // Parses [custom] [uniform] type[[]] name[.timeSamples] [= value] [(metadata)].
   void property(UsdPrim& prim, const std::string& first);
 
   void read_samples(UsdProperty& property);

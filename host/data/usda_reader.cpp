@@ -16,10 +16,10 @@ namespace ubs {
 namespace {
 
 constexpr const char* kUsdSplatType = "ParticleField3DGaussianSplat";
-constexpr double kUsdRounding = 1e-6;  // of operations that turn and scale nothing
+constexpr double kUsdRounding = 1e-6;  // tolerance for operations that neither rotate nor scale
 
-// Returns the number of half precision that is nearest. OpenUSD prints halves with six digits, which is
-// enough to tell them apart, but not their exact value.
+// Returns the nearest number of half precision. OpenUSD prints halves with six digits, which are enough to
+// distinguish them but are not the exact value.
 float nearest_half(float value) {
   constexpr float kLargest = 65504;
   constexpr int kLeastExponent = -14, kFractionBits = 10;
@@ -76,7 +76,7 @@ class UsdSplatReader {
          layer_.prims.size(), kUsdSplatType, found);
   }
 
-  // Gathers the time codes of all splats, and chooses the one that is read.
+  // Collects the time codes of all splats and chooses the one to read.
   void choose_time(std::optional<double> time) {
     for (const UsdPrim& prim : layer_.prims)
       if (prim.type == kUsdSplatType && prim.drawn)
@@ -100,7 +100,7 @@ class UsdSplatReader {
     return found == prim.properties.end() ? nullptr : &found->second;
   }
 
-  // Returns where the value of a property at the chosen time stands; kUsdNone: it has none.
+  // Returns the position of a property's value at the chosen time; kUsdNone if it has no value.
   std::size_t value_at(const UsdProperty* property) const {
     if (!property) return kUsdNone;
     if (property->samples.empty()) return property->value;
@@ -111,7 +111,8 @@ class UsdSplatReader {
         ->second;
   }
 
-  // Returns the values of an attribute, `width` numbers an element, in its float form or else its half form.
+  // Returns the values of an attribute, `width` numbers per element. Reads its float form or, if that is
+  // missing, its half form.
   std::vector<float> array_of(const UsdPrim& prim, const std::string& name, std::size_t width) {
     std::vector<float> values;
     const auto has = [&](const std::string& form) {
@@ -124,7 +125,7 @@ class UsdSplatReader {
     return values;
   }
 
-  // The rule of the schema: longer arrays are cut, shorter ones are ignored.
+  // Applies the rule of the schema: longer arrays are truncated, shorter ones are ignored.
   bool fits(const UsdPrim& prim, const char* name, std::size_t size, std::size_t expected,
             LoadReport& report) {
     if (size == 0) {
@@ -178,7 +179,7 @@ class UsdSplatReader {
     return splats;
   }
 
-  // Sets the degree, and colours_. Returns the stored number of coefficients of a splat; 0: there are none.
+  // Sets the degree and colours_. Returns the stored number of coefficients per splat; 0 if there are none.
   std::size_t read_colours(const UsdPrim& prim, std::size_t count, ImportedSplats& splats) {
     int degree = 3;  // the schema's default
     if (const std::size_t at = value_at(find(prim, "radiance:sphericalHarmonicsDegree")); at != kUsdNone) {
@@ -206,7 +207,7 @@ class UsdSplatReader {
          expected);
   }
 
-  // Returns the translation of a prim and of those above it.
+  // Returns the sum of the translations of a prim and of all prims above it.
   std::array<double, 3> place_of(const UsdPrim& prim) {
     std::array<double, 3> place{};
     for (const UsdPrim* at = &prim;; at = &layer_.prims[at->parent]) {
@@ -218,8 +219,9 @@ class UsdSplatReader {
     return place;
   }
 
-  // Adds the translation of one prim. Returns whether it ignores the prims above it. Throws Error(data) for
-  // operations that turn or scale; many exporters write rotations and scales that do neither.
+  // Adds the translation of one prim. Returns whether the prim ignores the prims above it. Throws Error(data)
+  // for operations that rotate or scale; rotations and scales that have no effect are accepted, because many
+  // exporters write them.
   bool add_place(const UsdPrim& prim, std::array<double, 3>& place) {
     bool resets = false;
     const std::size_t order = value_at(find(prim, "xformOpOrder"));
@@ -261,7 +263,7 @@ class UsdSplatReader {
            prim.name, operation);
   }
 
-  // The first prim's place is the offset of all.
+  // Appends the splats of a prim. The position of the first prim is the offset of all splats.
   void join(ImportedSplats& splats, ImportedSplats part) const {
     for (auto& p : part.positions)
       for (std::size_t k = 0; k < 3; ++k)
@@ -270,7 +272,7 @@ class UsdSplatReader {
   }
 
   static void note_unused(const UsdPrim& prim, LoadReport& report) {
-    // extent, the hints and the side of surfaces change nothing here; displayColor is for programs that do
+    // extent, the hints and the side of surfaces have no effect here; displayColor is for programs that do
     // not know the schema.
     const std::set<std::string_view> used{"positions", "orientations", "scales", "opacities",
                                           "radiance:sphericalHarmonicsCoefficients"};

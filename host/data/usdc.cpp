@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Binary OpenUSD files (.usdc, .usd): OpenUSD's own programs convert them from and to the text form, because
-// the binary form has no specification to write it from. Either usdcat or a Python with the package usd-core
-// serves. See foreign_formats.hpp.
+// Reads and writes binary OpenUSD files (.usdc, .usd); see foreign_formats.hpp. The binary form has no
+// specification, so OpenUSD's own programs convert it from and to the text form: either usdcat, or a Python
+// with the package usd-core.
 #include <algorithm>
 #include <fstream>
 
@@ -18,9 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Python looks for modules in the current folder first, which may hold anything.
+// Removes the current folder from the search path: Python looks for modules there first, and it may contain
+// any file.
 #define UBS_IMPORT_SDF "import sys; sys.path[:] = [p for p in sys.path if p]; from pxr import Sdf; "
-// Copies a layer into the form that the name of its target asks for. References are kept, not followed.
+// Converts a layer to the format of the target's extension. References are kept, not followed.
 constexpr const char* kUsdCopyScript = UBS_IMPORT_SDF
     "layer = Sdf.Layer.FindOrOpen(sys.argv[1]); "
     "sys.exit(0 if layer and layer.Export(sys.argv[2]) else 1)";
@@ -30,7 +31,7 @@ int exit_code_of(const std::vector<std::string>& arguments, const fs::path& log)
   return result.signal != 0 ? 128 + result.signal : result.code;
 }
 
-// The command that converts a file, without the names of the two files. Empty: there is none.
+// Command that converts a file; the names of the two files are appended. Empty if no converter was found.
 struct UsdConverter {
   std::vector<std::string> command;
   bool is_usdcat = false;
@@ -39,7 +40,7 @@ struct UsdConverter {
 UsdConverter find_usd_converter() {
   const TemporaryFolder temporary;
   const fs::path log = temporary.path() / "version.log";
-  // It may be there without the libraries that it needs.
+  // Run it, because usdcat may be installed without the libraries that it needs.
   if (const fs::path usdcat = find_program("usdcat");
       !usdcat.empty() && exit_code_of({usdcat.string(), "--help"}, log) == 0)
     return {{usdcat.string()}, true};
@@ -60,7 +61,7 @@ UsdConverter usd_converter(const std::string& what) {
   return converter;
 }
 
-// The last line of the log that says something.
+// Returns the last line of the log that is not empty.
 std::string last_words(const fs::path& log) {
   const std::string text = read_text_file(log);
   const std::size_t end = text.find_last_not_of(" \r\n");
@@ -81,11 +82,11 @@ void convert_usd(const UsdConverter& converter, const fs::path& from, const fs::
          code, last_words(log));
 }
 
-// `write_text` writes the text form to the path that it gets.
+// Writes the text form with `write_text`, which receives a path, and converts it to the binary form.
 template <typename WriteText>
 void write_binary_usd(const fs::path& path, const WriteText& write_text) {
   const UsdConverter converter = usd_converter(path.string());
-  // The program replaces its target by another file of that name, so it cannot write AtomicFile's.
+  // The converter replaces its target by a new file, so it cannot write to the temporary file of AtomicFile.
   const TemporaryFolder temporary;
   const fs::path text = temporary.path() / "splats.usda", binary = temporary.path() / "splats.usdc";
   write_text(text);
@@ -108,7 +109,7 @@ void write_binary_usd(const fs::path& path, const WriteText& write_text) {
 ImportedSplats read_usdc_sample(const fs::path& path, std::optional<double> time) {
   const UsdConverter converter = usd_converter(fmt::format("{}: reading a binary USD file", path.string()));
   const TemporaryFolder temporary;
-  // OpenUSD chooses the format by the extension, and a file of ours may have any name.
+  // OpenUSD recognises the format by the extension, but the input file may have any name.
   const fs::path binary = temporary.path() / "in.usdc", text = temporary.path() / "in.usda";
   std::error_code error;
   fs::create_symlink(absolute_path(path), binary, error);

@@ -17,8 +17,9 @@
 namespace ubs {
 namespace {
 
-// A file with any name may be a playlist that makes FFmpeg open other files or addresses. A playlist has none
-// of these first bytes, by which FFmpeg recognises containers that hold the frames themselves.
+// Returns whether the file is a container that holds the frames themselves. A file with any name may be a
+// playlist that makes FFmpeg open other files or URLs. FFmpeg recognises the containers by these first bytes,
+// and a playlist has none of them.
 bool holds_its_frames(const std::filesystem::path& path) {
   std::array<char, 400> start{};
   std::ifstream(path, std::ios::binary).read(start.data(), start.size());
@@ -30,15 +31,15 @@ bool holds_its_frames(const std::filesystem::path& path) {
   if (at(0, "\x1a\x45\xdf\xa3")) return true;  // Matroska, WebM
   for (const std::string_view atom : {"ftyp", "moov", "mdat", "wide", "free", "skip"})
     if (at(4, atom)) return true;         // MP4, MOV
-  for (const std::size_t first : {0, 4})  // MPEG-TS: packets of 188 bytes, or of 192 behind 4
+  for (const std::size_t first : {0, 4})  // MPEG-TS: packets of 188 bytes, or of 192 with 4 leading bytes
     if (at(first, "G") && at(first + 188 + first, "G") && at(first + 2 * (188 + first), "G")) return true;
   return false;
 }
 
 }  // namespace
 
-// Decoders jump to key frames only. Short ways forward are decoded; where a jump does not land on the
-// frame asked for, the file is decoded from its start.
+// Decoders can only seek to key frames. To go forward by a few frames, the frames between are decoded. If
+// seeking does not reach the requested frame, the file is decoded from its start.
 class VideoFile {
  public:
   explicit VideoFile(std::filesystem::path path) : path_(std::move(path)) {
@@ -83,7 +84,7 @@ class VideoFile {
   void open() {
     capture_->release();
     try {
-      // No others: some take patterns, addresses and pipelines for file names.
+      // Only these: some other backends interpret file names as patterns, URLs or pipelines.
       for (const int backend : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG})
         if (!capture_->isOpened()) capture_->open(path_.string(), backend);
     } catch (const cv::Exception&) {
@@ -92,7 +93,8 @@ class VideoFile {
     next_ = 0;
   }
 
-  // Where the decoder stands is not known any more: a second try begins anew, or it would get another frame.
+  // Closes the file, because the position of the decoder is unknown after an error. The next call opens it
+  // again and so gets the right frame.
   [[noreturn]] void lose(const char* what, int index) {
     capture_->release();
     fail(ErrorKind::data, "{}: {} {}", path_.string(), what, index);

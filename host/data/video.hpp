@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames of a video file as image sources (OpenCV decodes).
+// These functions open video files and make image sources that deliver their frames, decoded by OpenCV.
 #pragma once
 
 #include <array>
@@ -10,13 +10,13 @@
 
 namespace ubs {
 
-class VideoFile;  // one decoder, used by one thread at a time
+class VideoFile;  // one decoder; frame sources may share it between threads
 
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path);
 ImageSize video_size(const VideoFile& video);
-int video_frames(const VideoFile& video);  // as the container says
+int video_frames(const VideoFile& video);  // as stated in the container
 
-// Frame `index`, reduced to width x height by Pillow's bicubic where that differs.
+// Returns a source of frame `index`, resized to width x height by Pillow's bicubic filter if necessary.
 std::shared_ptr<const ImageSource> video_frame_source(std::shared_ptr<VideoFile> video, int index, int width,
                                                       int height);
 

@@ -35,7 +35,7 @@ class QuietOpencv {
   cv::utils::logging::LogLevel level_;
 };
 
-// The name of the codec that took the file; empty when none did.
+// Opens the file with the first codec that works and returns its name; empty if none works.
 std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width, int height, double fps) {
   const QuietOpencv quiet;
   for (const std::string& codec : codecs().at(small_extension(path))) {
@@ -45,7 +45,8 @@ std::string open_writer(cv::VideoWriter& writer, const fs::path& path, int width
       if (backend == cv::CAP_OPENCV_MJPEG && small_extension(path) != ".avi") continue;
       try {
         if (opencv().open_writer(writer, path.string(), backend, code, fps, {width, height})) return codec;
-      } catch (const cv::Exception&) {  // an encoder that refuses is like one that is not there
+        // An encoder that refuses the file counts as missing.
+      } catch (const cv::Exception&) {
       }
     }
   }
@@ -66,7 +67,7 @@ std::vector<std::string> video_extensions() {
 
 std::string writable_videos() {
   std::vector<std::string> found;
-  const TemporaryFolder folder;  // encoders follow links: nobody else may write there
+  const TemporaryFolder folder;  // encoders follow links, so only this user may write there
   for (const auto& [extension, unused] : codecs()) {
     const cv::Ptr<cv::VideoWriter> writer = opencv().writer();
     const std::string codec = open_writer(*writer, folder.path() / ("probe" + extension), 64, 64, 25);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Video files out (OpenCV encodes). The extension decides: .mp4, .m4v, .mov (H.264, else MPEG-4), .mkv
-// (H.264, MPEG-4, else Motion JPEG), .avi (Motion JPEG). Which encoders there are is found out at run time.
+// VideoWriter writes video files with OpenCV. The extension determines the codec: .mp4, .m4v, .mov (H.264, or
+// MPEG-4), .mkv (H.264, MPEG-4, or Motion JPEG), .avi (Motion JPEG). Which encoders are available is
+// determined at run time.
 #pragma once
 
 #include <filesystem>
@@ -14,23 +15,25 @@ namespace ubs {
 
 class AtomicFile;
 
-// Extensions, ".mp4" and so on, that VideoWriter takes, whether or not there is an encoder.
+// Returns the extensions (".mp4" and so on) that VideoWriter accepts, whether or not an encoder is available.
 std::vector<std::string> video_extensions();
-// "avi (MJPG), mp4 (avc1)": those that this machine can write, tried out in a temporary folder.
+// Returns the formats that this machine can write, such as "avi (MJPG), mp4 (avc1)". Tries them in a
+// temporary folder.
 std::string writable_videos();
 
-// An AtomicFile that an encoder writes: nothing of that name until commit().
+// Like AtomicFile, but an encoder writes the file: it does not appear under its name before commit().
 class VideoWriter {
  public:
-  // Even sizes from 16 on, fps in (0, 1000]. Throws Error(usage) for other extensions, sizes and rates, and
-  // Error(data), naming what can be written, when no encoder takes the file.
+  // Requires even sizes of at least 16 and fps in (0, 1000]. Throws Error(usage) for other extensions, sizes
+  // and rates. Throws Error(data) that names the possible formats if no encoder accepts the file.
   VideoWriter(std::filesystem::path path, int width, int height, double fps);
   ~VideoWriter();
   VideoWriter(const VideoWriter&) = delete;
   VideoWriter& operator=(const VideoWriter&) = delete;
 
   void write(const Image8& frame);
-  // Throws Error(data) when the file does not hold every frame written: encoders do not report a full disk.
+  // Throws Error(data) if the file does not contain all frames written, because encoders do not report a full
+  // disk.
   void commit();
   const std::string& codec() const { return codec_; }
 

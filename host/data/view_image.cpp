@@ -24,7 +24,7 @@ int reduced(int ideal, double stated, int factor) {
   return std::min(ideal, downscaled(static_cast<int>(std::lround(stated)), factor));
 }
 
-// Returns whether the mask leaves pixels of a view.
+// Returns whether the mask leaves any pixel of a view.
 bool counts_any(const Image8& mask, const Undistortion& plan) {
   Image8 pixels = undistort(mask, plan);
   set_mask(pixels, pixels);
@@ -41,7 +41,8 @@ double degrees_across(double focal, double centre, int size) {
   return (std::atan(centre / focal) + std::atan((size - centre) / focal)) * 180 / std::acos(-1.0);
 }
 
-// Sets what the file decides, if there is one. Returns the lens at the size of the file.
+// Sets the properties of the view that the image file determines, if there is a file. Returns the lens at the
+// size of the file.
 Lens with_file(View& view, const Lens& lens, const fs::path& file, LoadReport& report) {
   if (!path_exists(file)) return lens;
   const ImageInfo info = image_file_info(file);
@@ -54,7 +55,7 @@ Lens with_file(View& view, const Lens& lens, const fs::path& file, LoadReport& r
   return lens.scaled_to(info.size.width, info.size.height);
 }
 
-// Describes the image of a pinhole camera as it is.
+// Returns the plan for an image of a pinhole camera, which needs no resampling.
 Undistortion pinhole_plan(const Lens& lens) {
   Undistortion plan;
   plan.lens = lens;
@@ -63,7 +64,7 @@ Undistortion pinhole_plan(const Lens& lens) {
   return plan;
 }
 
-// Sets camera and source of a view; `stated` has the size that the data set states.
+// Sets camera and image source of a view; `stated` is the lens at the size that the data set states.
 void set_view(View& view, const Lens& stated, const Undistortion& plan, const fs::path& file,
               const fs::path& mask, const DatasetOptions& options) {
   FileImage image{file, mask, options.background, std::nullopt, 0, 0};
@@ -96,7 +97,7 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
          where, file.width, file.height, camera.width, camera.height);
   const double across = static_cast<double>(camera.width) / file.width;
   const double down = static_cast<double>(camera.height) / file.height;
-  // Rounding to whole pixels moves a size by less than one pixel of the coarser of the two.
+  // Rounding to whole pixels changes a size by less than one pixel of the coarser size.
   const double coarse = std::max({1.0, 1 / across, 1 / down});
   if (std::abs(file.width - camera.width / down) > coarse &&
       std::abs(file.height - camera.height / across) > coarse)
@@ -126,7 +127,7 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     views.push_back(std::move(base));
     return 1;
   }
-  static thread_local std::vector<Undistortion> plans;  // most images have the lens of the one before
+  static thread_local std::vector<Undistortion> plans;  // most images have the same lens as the image before
   static thread_local double left_out = 0;
   if (plans.empty() || plans[0].lens != actual) {
     plans = plan_views(actual, file.string());
@@ -179,7 +180,7 @@ std::vector<Split> split_every(std::vector<View> views, int test_every) {
   });
   Split train{"train", {}}, test{"test", {}};
   std::size_t images = 0;
-  std::string image;  // that the view before is a part of
+  std::string image;  // the image that the previous view is a part of
   for (View& view : views) {
     if (view.part_of.empty() || view.part_of != image) ++images;
     image = view.part_of;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joins a view with its image file: size, undistortion, reduction, intrinsics (docs/data.md). Common to
-// the layouts whose cameras state a lens.
+// These functions join a view with its image file: size, undistortion, reduction, intrinsics (docs/data.md).
+// They are used by all layouts whose cameras state a lens.
 #pragma once
 
 #include <filesystem>
@@ -12,29 +12,32 @@
 
 namespace ubs {
 
-// Throws Error(data) unless the sizes of image and camera are equal, or width and height are scaled alike
-// within a pixel, which is noted: a turned or cropped image does not belong to its camera.
+// Throws Error(data) if the image does not fit its camera, for example because it was rotated or cropped.
+// Accepted are equal sizes, and sizes whose width and height are scaled alike within a pixel; a note reports
+// the latter.
 void check_image_size(ImageSize file, ImageSize camera, const std::string& where, LoadReport& report);
 
 // Sets intrinsics, size and image source of `view`, whose camera has a pinhole lens. `lens` refers to the
-// size that the data set states. Without a file the view keeps the stated size and no image; false then.
+// size that the data set states. Without a file the view keeps the stated size, gets no image, and the
+// function returns false.
 //
-// The delivered size is that of the lens, reduced by options.read.downscale, but never more than the file
-// has: a folder of reduced images is used as it is, with the intrinsics rescaled.
+// The delivered size is that of the lens, reduced by options.read.downscale, but not larger than the file: a
+// folder of reduced images is used unchanged, with the intrinsics rescaled.
 bool attach_image(View& view, const Lens& lens, const std::filesystem::path& file,
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 
-// Appends the views of an image of any lens: one, or those of a wide image (undistort.hpp), named after
-// `view` and the face (NAME_front), without those in which the mask leaves no pixel. Returns their number.
+// Appends the views of an image of any lens: one view, or several for a wide image (undistort.hpp), which are
+// named after `view` and the face (NAME_front). Leaves out views in which the mask leaves no pixel. Returns
+// the number of views.
 std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens,
                          const std::filesystem::path& file, const std::filesystem::path& mask,
                          const DatasetOptions& options, LoadReport& report);
 
-// Sorts images by name and deals them out: every n-th to test (method.md 4.5), the rest to train. All views
-// of one image (View::part_of) go to the same split.
+// Sorts images by name and splits them: every n-th goes to test (method.md 4.5), the others to train. All
+// views of one image (View::part_of) go to the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
-// "cam1/0001.jpg" -> "cam1_0001": names become file names.
+// Returns the name of a view, which becomes a file name: "cam1/0001.jpg" -> "cam1_0001".
 std::string view_name(const std::filesystem::path& relative);
 
 }  // namespace ubs

@@ -14,7 +14,7 @@
 namespace ubs {
 namespace {
 
-// Of the 255 bytes of common file systems; the rest is for suffixes and for the names of temporary files.
+// File systems usually allow 255 bytes; the rest is for suffixes and for the names of temporary files.
 constexpr std::size_t kLongestName = 180;
 
 char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
@@ -25,7 +25,7 @@ std::string folded(std::string_view name) {
   return result;
 }
 
-// On Windows these are devices in every folder, whatever follows the first dot.
+// On Windows these names are devices in every folder, whatever follows the first dot.
 bool is_device(std::string_view name) {
   const std::string stem = folded(name.substr(0, name.find('.')));
   if (stem == "con" || stem == "prn" || stem == "aux" || stem == "nul") return true;
@@ -37,11 +37,12 @@ std::string shortened(const std::string& name) {
   if (name.size() <= kLongestName) return name;
   const std::string end = fmt::format("~{:016x}", name_hash(name));
   std::size_t kept = kLongestName - end.size();
-  while (kept > 0 && (static_cast<unsigned char>(name[kept]) & 0xc0) == 0x80) --kept;  // whole characters
+  // Does not cut inside of a UTF-8 character.
+  while (kept > 0 && (static_cast<unsigned char>(name[kept]) & 0xc0) == 0x80) --kept;
   return name.substr(0, kept) + end;
 }
 
-constexpr const char* kSuffixes[] = {"", "_alpha", "_depth"};  // of files of one view
+constexpr const char* kSuffixes[] = {"", "_alpha", "_depth"};  // suffixes of the files of a view
 
 }  // namespace
 
@@ -68,7 +69,7 @@ void settle_view_names(std::vector<View>& views) {
   const auto taken = [&](const std::string& name) {
     return std::ranges::any_of(kSuffixes, [&](const char* suffix) { return used.contains(name + suffix); });
   };
-  std::map<std::string, int> copies;  // of each name, so that many equal ones do not take quadratic time
+  std::map<std::string, int> copies;  // per name, so that many equal names do not take quadratic time
   for (View& view : views) {
     std::string name = view.name;
     if (taken(folded(name))) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lossless WebP images of four channels of 8 bits, by OpenCV.
+// encode_webp() and decode_webp() write and read lossless WebP images with four channels of 8 bits, using
+// OpenCV.
 #pragma once
 
 #include <cstddef>
@@ -12,13 +13,13 @@ namespace ubs {
 
 struct Rgba8 {
   int width = 0, height = 0;
-  std::vector<std::uint8_t> rgba;  // rows from the top
+  std::vector<std::uint8_t> rgba;  // rows from top to bottom
 };
 
-// Colours of pixels of alpha 0 may be lost.
+// The colours of pixels with alpha 0 may be lost.
 std::vector<std::byte> encode_webp(const Rgba8& image);
-// Of at most so many pixels. Lossy images are refused: these pixels are numbers. Error(data) starts with
-// `name`.
+// Decodes an image of at most `most_pixels` pixels. Refuses lossy images, because the pixels encode data.
+// Throws Error(data) whose message starts with `name`.
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name);
 
 }  // namespace ubs

@@ -13,14 +13,15 @@ namespace ubs {
 namespace {
 
 constexpr int kLosslessQuality = 101;
-constexpr std::size_t kPixelBytes = 12;  // the decoder's own, OpenCV's and ours
+constexpr std::size_t kPixelBytes = 12;  // bytes per pixel: those of the decoder, of OpenCV and of the result
 
-// OpenCV has B, G, R, A; both ways are the same exchange.
+// Swaps R and B. OpenCV uses B, G, R, A, so the same swap converts in both directions.
 void exchange_red_and_blue(std::span<std::uint8_t> rgba) {
   for (std::size_t i = 0; i + 3 < rgba.size(); i += 4) std::swap(rgba[i], rgba[i + 2]);
 }
 
-// Pixels that the header of the file states: of a lossless image alone or behind an extended header.
+// Returns the number of pixels that the file header states, for a plain lossless image or one with an
+// extended header.
 std::size_t stated_pixels(std::span<const std::byte> bytes, const std::string& name) {
   ByteReader in(bytes, name);
   const auto is = [&](const char* word) { return std::memcmp(in.take(4).data(), word, 4) == 0; };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See point_cloud.hpp.
+// See world_points.hpp.
 #include "host/data/world_points.hpp"
 
 #include <algorithm>
@@ -35,7 +35,7 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   for (std::size_t r = 0; r < properties.size(); ++r) rows.push_back(table.data() + r * header.count);
   read_ply_rows(stream, header, properties, rows, name);
 
-  // Colours are from 0 to 255 in files of bytes, and often from 0 to 1 in those of floating-point numbers.
+  // Colours in byte files are from 0 to 255. In floating-point files they are often from 0 to 1.
   double largest = 0;
   for (std::size_t r = 3; r < rows.size(); ++r)
     for (std::size_t i = 0; i < header.count; ++i) {
@@ -61,10 +61,11 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
   return cloud;
 }
 
-// The box is cut into 4 x 4 x 4 cells. For uniformly random points, the sum over the cells of (number -
-// expected)^2 / expected is chi-squared with 63 degrees of freedom (mean 63, deviation 11), and so is that of
-// the squared deviations of the mean colours over their variances. Points of surfaces leave most cells empty,
-// which gives a sum near their number. The bound of 150 is missed by 1 random cloud in 10^8.
+// Divides the box into 4 x 4 x 4 cells. For uniformly random points, the sum over the cells of (number -
+// expected)^2 / expected is chi-squared with 63 degrees of freedom (mean 63, deviation 11). The same is true
+// for the sum of the squared deviations of the mean colours over their variances. Points on surfaces leave
+// most cells empty, so their sum is near the number of points. 1 random cloud in 10^8 exceeds the bound of
+// 150.
 bool is_random_filling(const WorldPoints& points) {
   constexpr std::size_t kFewest = 1000, kSide = 4, kCells = kSide * kSide * kSide;
   constexpr double kBound = 150;

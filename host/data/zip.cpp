@@ -17,7 +17,7 @@ constexpr std::uint32_t kLocal = 0x04034b50, kCentral = 0x02014b50, kEnd = 0x060
 constexpr std::size_t kEndBytes = 22, kLongestComment = 65535;
 constexpr std::uint16_t kVersion = 20, kFirstDay = 0x21;  // 1 January 1980
 
-// What the local and the central header of a member share, from its flags on.
+// Writes the part that the local and the central header of a member have in common, starting with the flags.
 void put_member(std::vector<std::byte>& out, std::uint32_t crc, std::size_t size, const std::string& name) {
   for (const std::uint16_t v : {std::uint16_t{0}, std::uint16_t{0}, std::uint16_t{0}, kFirstDay})
     put_number(out, v);
@@ -31,7 +31,7 @@ void put_text(std::vector<std::byte>& out, const std::string& text) {
   for (const char c : text) out.push_back(static_cast<std::byte>(c));
 }
 
-// The entries of the directory, which `in` begins with.
+// Reads the entries of the directory; `in` starts with it.
 std::map<std::string, ZipReader::Member> read_directory(ByteReader in, std::size_t count) {
   std::map<std::string, ZipReader::Member> members;
   for (std::size_t i = 0; i < count; ++i) {
@@ -76,7 +76,7 @@ void ZipWriter::add(const std::string& name, std::span<const std::byte> bytes) {
 std::vector<std::byte> ZipWriter::finish() {
   const auto at = static_cast<std::uint32_t>(out_.size());
   out_.insert(out_.end(), directory_.begin(), directory_.end());
-  put_number(out_, kEnd), put_number(out_, std::uint32_t{0});  // this disk, the directory's
+  put_number(out_, kEnd), put_number(out_, std::uint32_t{0});  // this disk, disk of the directory
   for (int twice = 0; twice < 2; ++twice) put_number(out_, static_cast<std::uint16_t>(members_));
   put_number(out_, static_cast<std::uint32_t>(directory_.size())), put_number(out_, at);
   put_number(out_, std::uint16_t{0});
@@ -156,7 +156,7 @@ std::vector<std::string> zip_member_names(const std::filesystem::path& path) {
     try {
       for (const auto& [name, member] : read_directory(ByteReader(directory, path.string()), count))
         names.push_back(name);
-    } catch (const Error&) {  // damaged: whoever reads the archive says so
+    } catch (const Error&) {  // damaged; the reader of the archive reports it
       return {};
     }
     return names;

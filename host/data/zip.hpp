@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ZIP archives of a few files in memory: written without compression (what is packed is compressed already),
-// read with or without. No ZIP64, no encryption.
+// ZipWriter and ZipReader handle ZIP archives of a few files in memory. The writer does not compress, because
+// the members are compressed already; the reader supports both. ZIP64 and encryption are not supported.
 #pragma once
 
 #include <cstddef>
@@ -23,11 +23,11 @@ class ZipWriter {
   std::size_t members_ = 0;
 };
 
-// Damage of any kind is Error(data) that starts with `name`. The bytes must outlive the reader.
+// Any damage is reported as Error(data) whose message starts with `name`. The bytes must outlive the reader.
 class ZipReader {
  public:
   ZipReader(std::span<const std::byte> file, std::string name);
-  // Throws Error(data) where there is no such member, or one of more bytes.
+  // Throws Error(data) if there is no such member, or if it has more bytes than `most_bytes`.
   std::vector<std::byte> get(const std::string& member, std::size_t most_bytes = UINT32_MAX) const;
   std::vector<std::string> names() const;
 
@@ -42,8 +42,8 @@ class ZipReader {
   std::map<std::string, Member> members_;
 };
 
-// Returns the names of the members of an archive of any size, of which only the directory at its end is read.
-// None where there is no such directory, or one of ZIP64.
+// Returns the names of the members of an archive of any size. Reads only the directory at its end. Returns
+// nothing if there is no directory, or if it is in ZIP64 format.
 std::vector<std::string> zip_member_names(const std::filesystem::path& path);
 
 }  // namespace ubs

@@ -1,38 +1,40 @@
 /* SPDX-License-Identifier: Apache-2.0
  *
- * ubs: Universal Beta Splatting as a library. It opens devices and data, trains models, draws them, and gives
- * the gradients of what is drawn with respect to every raw parameter. C99; C++ has ubs.hpp over it. Examples:
- * docs/library.md. A program that draws calls ubs_device_open, ubs_model_load, ubs_renderer_create and
- * ubs_renderer_draw; one that trains calls ubs_device_open, ubs_data_open, ubs_trainer_create,
- * ubs_trainer_run and ubs_trainer_get_model.
+ * ubs.h is the C interface of ubs (Universal Beta Splatting) as a library. It opens devices and data, trains
+ * and renders models, and computes gradients of rendered images with respect to every raw parameter. It
+ * requires C99; ubs.hpp wraps it for C++. Examples are in docs/library.md.
+ * A program that renders calls ubs_device_open, ubs_model_load, ubs_renderer_create and ubs_renderer_draw.
+ * A program that trains calls ubs_device_open, ubs_data_open, ubs_trainer_create, ubs_trainer_run and
+ * ubs_trainer_get_model.
  *
- * - Errors: functions that can fail return a ubs_status. Where it is not UBS_OK, ubs_error_message() says in
- *   one line what is wrong and what to do, and what the function would have written is left alone (but for
- *   images of a device that fails while they are copied); new handles become NULL.
+ * - Errors: functions that can fail return a ubs_status. If it is not UBS_OK, ubs_error_message() returns one
+ *   line that says what is wrong and what to do. The function then leaves its outputs unchanged, with two
+ *   exceptions: new handles are set to NULL, and an image may be incomplete if the device fails during
+ *   copying.
  *
- * - Handles: what _create, _open, _load and _copy give, and a model or settings that a _get function makes,
- *   is freed by the _free of its type, which takes NULL too. The order does not matter: what is made from a
- *   handle holds what it needs of it.
+ * - Handles: handles from _create, _open, _load and _copy functions, and models and settings from _get
+ *   functions, must be freed with the _free function of their type, which also accepts NULL. They can be
+ *   freed in any order, because an object that was made from a handle keeps what it needs of it.
  *
- * - Memory: arrays that are passed in are copied before the function returns. Arrays that are passed out
- *   belong to the caller and have room for what the function says. Pointers into a handle are good until
- *   it is freed.
+ * - Memory: input arrays are copied before the function returns. Output arrays belong to the caller and must
+ *   have the size that the function requires. Pointers into a handle are valid until the handle is freed.
  *
- * - Images: rows from the top, tightly packed. float: (height, width, 3), RGB, 0 to 1; alpha and depth
- *   (height, width).
+ * - Images: rows start at the top and are tightly packed. float: (height, width, 3), RGB, 0 to 1; alpha and
+ *   depth (height, width).
  *
- * - World: right-handed, lengths are those of the data. Cameras have COLMAP's axes: x right, y down, z
+ * - World: right-handed; lengths are those of the data. Cameras have COLMAP's axes: x right, y down, z
  *   forward.
  *
- * - Structs begin with `size`, to be set to sizeof by the caller before every call, so that later versions
- *   may add members at the end: ubs_camera camera = {sizeof camera}; the other members are then 0.
+ * - Structs begin with `size`. The caller must set it to sizeof before every call, so that later versions
+ *   can add members at the end: ubs_camera camera = {sizeof camera}; the other members are then 0.
  *
- * - Threads: any thread may call any function. Calls that use the same device handle wait for one another,
- *   those on different ones do not. Nobody may use or free a handle while another thread changes it: a
- *   function changes the handle that it takes without `const`. Error messages belong to their thread.
+ * - Threads: any thread may call any function. Calls that use the same device handle wait for each other;
+ *   calls that use different device handles do not. A handle must not be used or freed while another thread
+ *   changes it; a function changes the handles that it takes without `const`. Error messages are stored per
+ *   thread.
  *
- * - Results: the same settings, data, device and build give the same bits, whether from here, Python or the
- *   executable.
+ * - Results: the same settings, data, device and build give bit-identical results, from C, from Python and
+ *   from the executable.
  */
 #ifndef UBS_UBS_H
 #define UBS_UBS_H
@@ -50,13 +52,13 @@
 extern "C" {
 #endif
 
-/* Grows when a function or struct changes so that programs must be compiled again. */
+/* Incremented when a function or struct changes in a way that requires programs to be recompiled. */
 #define UBS_ABI_VERSION 1
 
 /* The numbers are the exit codes of the executable. */
 typedef enum ubs_status {
   UBS_OK = 0,
-  UBS_ERROR_INTERNAL = 1,  /* a broken promise of ours: please report */
+  UBS_ERROR_INTERNAL = 1,  /* a bug in ubs: please report */
   UBS_ERROR_USAGE = 2,     /* wrong arguments or settings */
   UBS_ERROR_DATA = 3,      /* unreadable, corrupt or inconsistent input; a file that cannot be written */
   UBS_ERROR_DEVICE = 4,    /* no such device, driver failure */
@@ -76,16 +78,17 @@ typedef struct ubs_meter ubs_meter;
 
 /* ---- Library ---- */
 
-/* UBS_ABI_VERSION and version ("0.2.0") of the library that is loaded. */
+/* UBS_ABI_VERSION and version ("0.2.0") of the loaded library. */
 UBS_API uint32_t ubs_abi_version(void);
 UBS_API const char* ubs_version(void);
 
-/* Why the last call of this thread that failed did. Never NULL; good until this thread's next failure. */
+/* Returns the error message of the last call in this thread that failed. Never NULL. The text is valid until
+ * the next failure in this thread. */
 UBS_API const char* ubs_error_message(void);
 
-/* Receives lines of text: level 0, what takes time; 1, warnings. Called by one thread at a time, from inside
- * of other calls; it must not throw. NULL: warnings go to stderr, as at the beginning. For the whole process.
- */
+/* Receives log lines. Level 0 reports operations that take time, level 1 warnings. Only one thread at a time
+ * calls the function, from inside of other calls; it must not throw. NULL: warnings go to stderr, as at the
+ * start. Applies to the whole process. */
 typedef void (*ubs_log_function)(void* user, int level, const char* line);
 UBS_API void ubs_set_log(ubs_log_function function, void* user);
 
@@ -104,36 +107,39 @@ typedef struct ubs_device_info {
   int32_t type; /* ubs_device_type */
   uint32_t compute_units;
   uint64_t memory_bytes, max_allocation_bytes;
-  uint64_t allocated_bytes, peak_bytes; /* by this handle; 0 for a device that is not open */
+  uint64_t allocated_bytes, peak_bytes; /* of this handle; 0 for a device that is not open */
 } ubs_device_info;
 
 UBS_API ubs_status ubs_device_count(size_t* count);
-/* The device at `index` (below the count), as `ubs devices` lists it. */
+/* Describes the device at `index` (less than the count), in the order of `ubs devices`. */
 UBS_API ubs_status ubs_device_describe(size_t index, ubs_device_info* info);
 
-/* `request`: "0" (an index), "cpu", "gpu", "cuda", "opencl", or a part of a name; NULL or "": the environment
- * variable UBS_DEVICE, else the first GPU, else the first device. A device may be opened several times.
- * Before the first use of a form of model the device is compared with float64, once for each device, driver
- * and build, which takes seconds: UBS_ERROR_FAULTY where it computes wrong results. UBS_CHECK=off in the
- * environment: not. */
+/* Opens a device. `request`: "0" (an index), "cpu", "gpu", "cuda", "opencl", or a part of a name. NULL or "":
+ * the environment variable UBS_DEVICE; if that is not set, the first GPU or, without a GPU, the first device.
+ * A device may be opened several times. Before a device is used for a model variant for the first time, its
+ * results are compared with float64. This is done once per device, driver and build, and takes seconds. It
+ * gives UBS_ERROR_FAULTY if the device computes wrong results. UBS_CHECK=off in the environment disables the
+ * comparison. */
 UBS_API ubs_status ubs_device_open(const char* request, ubs_device** device);
 UBS_API ubs_status ubs_device_get_info(const ubs_device* device, ubs_device_info* info);
 UBS_API void ubs_device_free(ubs_device* device);
 
-/* ---- Settings: by name, with the values that `ubs train --help` and YAML files have ---- */
+/* ---- Settings: by name, with the values of `ubs train --help` and YAML files ---- */
 
 UBS_API ubs_status ubs_settings_create(ubs_settings** settings);
 UBS_API ubs_status ubs_settings_copy(const ubs_settings* settings, ubs_settings** copy);
 UBS_API void ubs_settings_free(ubs_settings* settings);
-/* Those of a YAML file; its keys that are not there stay as they are. */
+/* Loads settings from a YAML file. Settings that are not in the file keep their values. */
 UBS_API ubs_status ubs_settings_load(ubs_settings* settings, const char* path);
-/* UBS_ERROR_USAGE for unknown keys and values out of range: "iterations", "7000"; "background", "1,1,1". */
+/* Sets a value, for example "iterations" to "7000", or "background" to "1,1,1". Returns UBS_ERROR_USAGE for
+ * unknown keys and for values out of range. */
 UBS_API ubs_status ubs_settings_set(ubs_settings* settings, const char* key, const char* value);
-/* The value as text with its 0, as far as `capacity` bytes hold it; *length is that of the whole text without
- * it. */
+/* Copies the value as text with its terminating 0, as far as it fits into `capacity` bytes. *length is set to
+ * the length of the complete text without the 0. */
 UBS_API ubs_status ubs_settings_get(const ubs_settings* settings, const char* key, char* value,
                                     size_t capacity, size_t* length);
-/* Name and explanation of the setting number `index`; both NULL behind the last one. Good for ever. */
+/* Returns name and description of setting number `index`; both are NULL after the last setting. The pointers
+ * stay valid. */
 UBS_API ubs_status ubs_settings_describe(size_t index, const char** key, const char** help);
 
 /* ---- Data: views with cameras and images, in the splits "train", "test" and "val" ---- */
@@ -141,39 +147,39 @@ UBS_API ubs_status ubs_settings_describe(size_t index, const char** key, const c
 typedef struct ubs_camera {
   size_t size;
   double world_to_camera[12]; /* (3, 4) row-major, rotation and translation: p_camera = R p_world + t */
-  double fx, fy, cx, cy; /* focal lengths and principal point [px]; the first pixel's centre is (0.5, 0.5) */
+  double fx, fy, cx, cy; /* focal lengths and principal point [px]; centre of the first pixel: (0.5, 0.5) */
   int32_t width, height; /* [px] */
-  double time;           /* of models with time, 0 to 1 over the training views */
-  uint32_t extra_count;  /* further query values for N = 5 and from 8 on, at most 4 */
+  double time;           /* for models with time: 0 to 1 over the training views */
+  uint32_t extra_count;  /* number of further query values for N = 5 and N >= 8, at most 4 */
   double extra[4];
 } ubs_camera;
 
 typedef struct ubs_view {
   size_t size;
-  ubs_camera camera; /* its size need not be set */
+  ubs_camera camera; /* the caller need not set its `size` */
   int32_t has_image, has_mask;
   char name[256];
 } ubs_view;
 
-/* A folder of any known layout, or a packed file (docs/data.md). `settings` decide layout, background,
- * downscale, frames and so on; NULL: defaults. */
+/* Opens a folder of any known layout, or a packed file (docs/data.md). `settings` determine layout,
+ * background, downscale, frames and so on; NULL: defaults. */
 UBS_API ubs_status ubs_data_open(const char* path, const ubs_settings* settings, ubs_data** data);
-/* An empty data set, to be filled by the two functions below. */
+/* Creates an empty data set, to be filled by the next two functions. */
 UBS_API ubs_status ubs_data_create(ubs_data** data);
 UBS_API void ubs_data_free(ubs_data* data);
-/* Appends a view. `name`: unique in its split, a file name without extension; NULL: its number. `rgb`:
- * (height, width, 3) bytes, already on the background; NULL: a view without image. `mask`: (height, width)
- * bytes, 0: the pixel does not count; or NULL. */
+/* Appends a view. `name`: unique in its split, and valid as a file name without extension; NULL: the number
+ * of the view. `rgb`: (height, width, 3) bytes, already composited on the background; NULL: a view without
+ * image. `mask`: (height, width) bytes, where 0 means that the pixel does not count; or NULL. */
 UBS_API ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name,
                                      const ubs_camera* camera, const uint8_t* rgb, const uint8_t* mask);
-/* Points that a model is initialised from: positions (count, 3) in the world, colours (count, 3) or NULL. */
+/* Sets the points for initial models: positions (count, 3) in the world, colours (count, 3) or NULL. */
 UBS_API ubs_status ubs_data_set_points(ubs_data* data, size_t count, const float* positions,
                                        const uint8_t* colours);
-/* 0 for a split that is not there. */
+/* Sets *count to the number of views; 0 if the split does not exist. */
 UBS_API ubs_status ubs_data_view_count(const ubs_data* data, const char* split, size_t* count);
 UBS_API ubs_status ubs_data_get_view(const ubs_data* data, const char* split, size_t index, ubs_view* view);
-/* rgb: (height, width, 3); mask: (height, width), 255 everywhere for views without one, or NULL.
- * UBS_ERROR_DATA for views without image. */
+/* Copies an image. rgb: (height, width, 3). mask: (height, width), 255 everywhere if the view has no mask; or
+ * NULL. Returns UBS_ERROR_DATA for a view without image. */
 UBS_API ubs_status ubs_data_get_image(const ubs_data* data, const char* split, size_t index, uint8_t* rgb,
                                       uint8_t* mask);
 
@@ -181,45 +187,47 @@ UBS_API ubs_status ubs_data_get_image(const ubs_data* data, const char* split, s
 
 typedef struct ubs_model_info {
   size_t size;
-  uint32_t dim;        /* N, of the first group */
-  uint32_t groups;     /* 1, or more for models whose splats differ in dimensions */
+  uint32_t dim;        /* N of the first group */
+  uint32_t groups;     /* 1; more if the splats have different dimensions */
   uint64_t splats;     /* of all groups */
   uint64_t parameters; /* floats */
-  double offset[3];    /* positions of splats are relative to it: world = xyz + offset */
-  char form[256];      /* "default", or the switches of docs/variants.md that differ */
+  double offset[3];    /* positions of splats are relative to the offset: world = xyz + offset */
+  char form[256];      /* "default", or the settings of docs/variants.md that differ */
 } ubs_model_info;
 
 typedef struct ubs_parameter {
   size_t size;
-  /* "xyz", "rgb", "opacity", "beta", "mean", "scale", "l_triangle" and so on (docs/method.md 1.2); NULL:
+  /* "xyz", "rgb", "opacity", "beta", "mean", "scale", "l_triangle" and so on (docs/method.md 1.2). NULL if
    * there is no parameter of this number. */
   const char* name;
   uint32_t dim; /* N of the group */
   uint32_t rows;
   uint64_t splats;
-  float* values; /* (rows, splats) row-major, inside the model: may be read and written */
+  float* values; /* (rows, splats) row-major, inside of the model; may be read and written */
 } ubs_parameter;
 
-/* `splats` splats with all parameters 0, of the dimension and form that the settings say ("dim" must be a
- * number). */
+/* Creates a model of `splats` splats whose parameters are all 0. The settings determine its dimension ("dim"
+ * must be a number) and variant. */
 UBS_API ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_model** model);
-/* What a training with these settings begins with: from the points of the data, else in a box. */
+/* Creates the model that a training with these settings starts from: from the points of the data, or, without
+ * points, from random positions. */
 UBS_API ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* settings,
                                             ubs_model** model);
 UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
 UBS_API void ubs_model_free(ubs_model* model);
-/* A model file of any known format (docs/data.md), or the folder of a finished run. */
+/* Loads a model file of any known format (docs/data.md), or the model in the folder of a finished run. */
 UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
-/* `format`: a name of `ubs convert --to`; "ubs" loses nothing, and so is NULL; "auto" goes by the extension of the path
- * and takes "ubs" for .ply and for unknown ones. Other formats get the model at `time`, with directions averaged over
- * the cameras that the model notes, if any. Replaces a file of that name, but neither a link nor a folder. */
+/* Saves a model. `format` is a name of `ubs convert --to`. "ubs" or NULL saves everything. "auto" chooses the
+ * format by the extension of the path, and "ubs" for .ply and for unknown extensions. Formats other than
+ * "ubs" store the model at `time`, with directions averaged over the cameras that the model lists, if any.
+ * Replaces an existing file of that name, but neither a link nor a folder. */
 UBS_API ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time);
 UBS_API ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info);
-/* Parameter number `index` (from 0) of a group (below the model's `groups`). */
+/* Returns parameter number `index` (from 0) of a group (less than the model's `groups`). */
 UBS_API ubs_status ubs_model_get_parameter(ubs_model* model, uint32_t group, uint32_t index,
                                            ubs_parameter* parameter);
-/* How the model wants to be drawn: the defaults, and in their place background, near and far plane, blur and
- * alpha_min as its file says, dimension and form. */
+/* Returns the settings for rendering the model: the defaults, replaced by background, near and far plane,
+ * blur and alpha_min as stored in its file, and by its dimension and variant. */
 UBS_API ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings** settings);
 
 /* ---- Renderers: a model on a device ---- */
@@ -228,24 +236,24 @@ enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2 }; /* flags */
 
 typedef struct ubs_image {
   size_t size;
-  float* rgb;   /* (height, width, 3), not clamped; or NULL: not wanted */
-  float* alpha; /* (height, width); or NULL */
-  float* depth; /* (height, width), expected depth [world]; or NULL. Needs UBS_RENDER_DEPTH */
+  float* rgb;   /* (height, width, 3), not clamped; NULL: not needed */
+  float* alpha; /* (height, width); NULL: not needed */
+  float* depth; /* (height, width), expected depth [world]; NULL: not needed. Requires UBS_RENDER_DEPTH */
 } ubs_image;
 
 typedef struct ubs_image_gradient {
   size_t size;
-  const float* rgb;   /* (height, width, 3); or NULL: 0 */
-  const float* alpha; /* (height, width); or NULL: 0 */
-  const float* depth; /* the same; needs UBS_RENDER_DEPTH, is without effect where alpha < 1e-6 */
+  const float* rgb;   /* (height, width, 3); NULL: 0 */
+  const float* alpha; /* (height, width); NULL: 0 */
+  const float* depth; /* (height, width); NULL: 0. Requires UBS_RENDER_DEPTH; no effect where alpha < 1e-6 */
 } ubs_image_gradient;
 
-/* With respect to a camera, of changes that leave its rotation one. */
+/* Gradient with respect to a camera, for changes that keep its rotation a rotation. */
 typedef struct ubs_camera_gradient {
   size_t size;
-  double pose[6]; /* of moves in the camera's frame: turns about its axes [1/rad], then shifts along them:
-                     (R, t) -> (exp([w]) R, exp([w]) t + u) */
-  double world_to_camera[12]; /* the same for the matrix, (3, 4) */
+  double pose[6]; /* for motions in the camera's frame: rotations about its axes [1/rad], then translations
+                     along them: (R, t) -> (exp([w]) R, exp([w]) t + u) */
+  double world_to_camera[12]; /* for the matrix, (3, 4), with the same restriction */
   double fx, fy, cx, cy, time;
   double extra[4];
 } ubs_camera_gradient;
@@ -256,56 +264,59 @@ typedef struct ubs_loss {
   double l1, ssim;
 } ubs_loss;
 
-/* Copies the model to the device. `settings`: NULL: as the model wants to be drawn. `flags`: what will be
- * asked for. */
+/* Copies the model to the device. `settings`: NULL: those of ubs_model_get_settings. `flags`: what will be
+ * requested from the renderer. */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
 UBS_API void ubs_renderer_free(ubs_renderer* renderer);
-/* Other values of the parameters: a model of the same groups, dimensions and form with at most as many
- * splats. */
+/* Replaces the parameter values by those of another model, which must have the same groups, dimensions and
+ * variant, and at most as many splats. */
 UBS_API ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model);
 UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera,
                                      const ubs_image* image);
-/* Vector-Jacobian product: draws the view, and from the gradient of a number with respect to its pixels makes
- * that with respect to every raw parameter, in place of each in `gradient` (a ubs_model_copy of the model;
- * NULL: only the camera's is wanted). Needs UBS_RENDER_GRADIENTS. */
+/* Vector-Jacobian product. Renders the view and converts the gradient of a scalar with respect to its pixels
+ * to the gradient with respect to every raw parameter. `gradient` receives it: a model of the same structure,
+ * for example from ubs_model_copy, whose values are replaced. With NULL only the gradient with respect to the
+ * camera is computed. Requires UBS_RENDER_GRADIENTS. */
 UBS_API ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
                                     const ubs_image_gradient* v_image, ubs_model* gradient);
-/* The loss of training against `target` (height, width, 3), with weight lambda_dssim of 1 - SSIM, and its
- * gradient without regularisers as above (NULL: the loss alone). `mask`: (height, width) bytes, 0: does not
- * count; or NULL. */
+/* Computes the training loss against `target` (height, width, 3), where 1 - SSIM has the weight lambda_dssim.
+ * `gradient` receives its gradient without regularisers, like in ubs_renderer_vjp (NULL: only the loss is
+ * computed). `mask`: (height, width) bytes, where 0 means that the pixel does not count; or NULL. */
 UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, const float* target,
                                      const uint8_t* mask, float lambda_dssim, ubs_loss* loss,
                                      ubs_model* gradient);
 
-/* With respect to the camera, of the number whose gradient the renderer gave last; what the view direction
- * does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients.
- * UBS_ERROR_USAGE before a sky of harmonics. */
+/* Returns the gradient with respect to the camera that belongs to the last call of ubs_renderer_vjp or
+ * ubs_renderer_loss with gradients. It includes the effect of the view direction on the splats, even if the
+ * setting query_grad excludes that from the gradients of the parameters. Returns UBS_ERROR_USAGE if the
+ * background is a sky of harmonics. */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
 
-/* Arrays of a renderer in the memory of its device, for programs that compute there too. Devices of CUDA and
- * CPUs with PoCL have them: UBS_ERROR_USAGE on others, whose OpenCL gives no addresses. */
+/* Arrays of a renderer in the memory of its device, for programs that compute on the same device. Available
+ * on CUDA devices and on CPUs with PoCL; other devices return UBS_ERROR_USAGE, because their OpenCL provides
+ * no addresses. */
 typedef enum ubs_array_name {
   UBS_ARRAY_PARAMETERS = 0, /* (rows, splats), rows in the order of ubs_model_get_parameter; may be written */
-  UBS_ARRAY_RGB = 1, /* (height, width, 3), of the picture drawn last; not after v_image.alpha or depth */
+  UBS_ARRAY_RGB = 1, /* (height, width, 3), last rendered image; not available after v_image.alpha or depth */
   UBS_ARRAY_TRANSMITTANCE = 2, /* (height, width): 1 - alpha */
   UBS_ARRAY_DEPTH = 3,         /* (height, width) */
-  UBS_ARRAY_V_RGB = 4,   /* zeros of the (height, width) that the caller's `shape` begins with, to be written,
-                            and given to ubs_renderer_vjp as rgb, without alpha */
-  UBS_ARRAY_GRADIENT = 5 /* as the parameters, of the number whose gradient the renderer gave last */
+  UBS_ARRAY_V_RGB = 4,   /* zeros; the caller sets height and width as the first two entries of `shape`. Write
+                            a gradient to it and pass it to ubs_renderer_vjp as rgb, without alpha */
+  UBS_ARRAY_GRADIENT = 5 /* like the parameters: the last gradient that the renderer computed */
 } ubs_array_name;
 
 typedef struct ubs_array {
   size_t size;
-  float* values;         /* an address of the device */
-  int32_t type, ordinal; /* of the device as DLPack has them: 2, and CUDA's number; 1 and 0 for a CPU */
+  float* values;         /* an address on the device */
+  int32_t type, ordinal; /* device in the terms of DLPack: 2 and the CUDA device number; 1 and 0 for a CPU */
   int32_t dims;
   int64_t shape[3], strides[3]; /* [floats] */
 } ubs_array;
 
-/* Waits for the renderer. The program must be done with the array before its next call that uses this device.
- * Good until the renderer draws a view of another size. `group` of splats as of models, for parameters and
- * gradient. */
+/* Returns an array after waiting for the renderer. The program must have finished using the array before its
+ * next call that uses this device. The array is valid until the renderer renders a view of another size.
+ * `group` is the number of a group of splats, for parameters and gradient. */
 UBS_API ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, uint32_t group,
                                           ubs_array* array);
 
@@ -313,56 +324,60 @@ UBS_API ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name
 
 typedef struct ubs_step {
   size_t size;
-  uint32_t iteration, iterations; /* done, of all */
-  double seconds;                 /* of training so far */
+  uint32_t iteration, iterations; /* finished iterations, total */
+  double seconds;                 /* training time so far */
   uint64_t splats;
-  double loss;                 /* mean since it was given last; NaN where it is not (the setting log_every) */
+  double loss;                 /* mean since the last value; NaN if not computed (setting log_every) */
   double test_psnr, test_ssim; /* NaN in iterations without evaluation (eval_every, and the last) */
 } ubs_step;
 
 typedef struct ubs_metrics {
   size_t size;
-  double psnr;       /* [dB], mean over the channels of 10 log10(1 / mse), as published code has it */
-  double psnr_joint; /* of the mean squared error of all channels */
+  double psnr;       /* [dB], mean over the channels of 10 log10(1 / mse), as in published code */
+  double psnr_joint; /* from the mean squared error of all channels [dB] */
   double ssim;       /* 11 x 11 Gaussian, zero-padded */
-  double ssim_valid; /* over the windows inside of the image; NaN where there is none */
-  /* NaN for networks not asked for. Fed with 2 v - 1, and with v, as in published evaluations of splats. */
+  double ssim_valid; /* over the windows inside of the image; NaN if there is none */
+  /* NaN for networks that were not requested. The networks get 2 v - 1, or v for the names with _unit, as
+   * in published evaluations of splats. */
   double lpips_alex, lpips_squeeze, lpips_vgg;
   double lpips_alex_unit, lpips_squeeze_unit, lpips_vgg_unit;
 } ubs_metrics;
 
-/* Called after every iteration; 0 stops the run there. May use other handles, and read the trainer. */
+/* Called after every iteration. Returning 0 stops the run. It may use other handles and read the trainer. */
 typedef int (*ubs_step_function)(void* user, const ubs_step* step);
 
-/* With the settings of `ubs train` (NULL: defaults). Those that decide how data are read must be the ones
- * that `data` has been opened with. `initial`: NULL: as ubs_model_create_initial() makes it; else one of the
- * settings' dimension and form. */
+/* Creates a trainer with settings of `ubs train` (NULL: defaults). Settings that determine how data are read
+ * must have the values that `data` was opened with. `initial`: a model of the settings' dimension and
+ * variant; NULL: the one that ubs_model_create_initial() makes. */
 UBS_API ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ubs_settings* settings,
                                       const ubs_model* initial, ubs_trainer** trainer);
 UBS_API void ubs_trainer_free(ubs_trainer* trainer);
-/* Trains for `steps` iterations, or to the end: 0, or more than are left. `function` may be NULL. After an
- * error the trainer holds the state of the last whole iteration, where there is one. */
+/* Trains for `steps` iterations, or to the end if `steps` is 0 or larger than the number of remaining
+ * iterations. `function` may be NULL. After an error the trainer has the state of the last complete
+ * iteration, if there is one. */
 UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_step_function function,
                                    void* user);
-/* Where it stands; loss and metrics are NaN. */
+/* Returns the current progress; loss and metrics are NaN. */
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
-/* The model as it is now. */
+/* Returns the current model. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);
-/* Mean over the test views. UBS_ERROR_DATA without any. */
+/* Returns the mean metrics over the test views. Returns UBS_ERROR_DATA if there are none. */
 UBS_API ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics);
-/* A checkpoint, and going on from one, of a trainer made with the same data, settings and device: with the
- * same bits as without interruption. Else UBS_ERROR_USAGE or UBS_ERROR_DATA, which name what differs. */
+/* Write a checkpoint, and resume from one. The trainer must have been created with the same data, settings
+ * and device; otherwise UBS_ERROR_USAGE or UBS_ERROR_DATA names what differs. The result is bit-identical to
+ * that of an uninterrupted training. */
 UBS_API ubs_status ubs_trainer_save(const ubs_trainer* trainer, const char* path);
 UBS_API ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path);
 
 /* ---- Comparing images ---- */
 
-/* `networks`: of LPIPS, "alex,squeeze,vgg", NULL or "": none. `weights`: a safetensors file, or a folder of
- * lpips_NAME.safetensors (docs/metrics.md); NULL: the environment variable UBS_LPIPS_WEIGHTS. */
+/* `networks`: LPIPS networks, such as "alex,squeeze,vgg"; NULL or "": none. `weights`: a safetensors file, or
+ * a folder with lpips_NAME.safetensors (docs/metrics.md); NULL: the environment variable
+ * UBS_LPIPS_WEIGHTS. */
 UBS_API ubs_status ubs_meter_create(ubs_device* device, const char* networks, const char* weights,
                                     ubs_meter** meter);
 UBS_API void ubs_meter_free(ubs_meter* meter);
-/* Both images (height, width, 3), clamped to 0 to 1. */
+/* Compares two images of size (height, width, 3), clamped to 0 to 1. */
 UBS_API ubs_status ubs_meter_compare(ubs_meter* meter, int32_t width, int32_t height, const float* truth,
                                      const float* image, ubs_metrics* metrics);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs for C++20: the functions of ubs.h as classes that own their handles, with spans and exceptions. Header
-// only; what each call means, its units and its errors are described in ubs.h.
+// ubs.hpp is the C++20 interface of ubs: the functions of ubs.h as classes that own their handles, with spans
+// and exceptions. This is a header-only wrapper; ubs.h describes what each call means, its units and its
+// errors.
 //
 //   ubs::Device device("cpu");
 //   ubs::Data data("scene");
@@ -28,10 +29,10 @@
 #include "ubs.h"
 
 namespace ubs {
-// Other names for the linker than the inside of the static library has.
+// An inline namespace, so that these symbols do not clash with those inside of the static library.
 inline namespace v1 {
 
-// What a call threw; status() says of which kind it is.
+// Thrown by all functions here if a call fails; status() returns the kind of error.
 class Exception : public std::runtime_error {
  public:
   Exception(ubs_status status, const char* message) : std::runtime_error(message), status_(status) {}
@@ -45,7 +46,7 @@ inline void check(ubs_status status) {
   if (status != UBS_OK) throw Exception(status, ubs_error_message());
 }
 
-// A struct of ubs.h with its size.
+// Returns a struct of ubs.h with its `size` set.
 template <typename T>
 T sized() {
   T value{};
@@ -65,7 +66,7 @@ struct Deleter {
 template <typename T, auto Free>
 using Handle = std::unique_ptr<T, Deleter<Free>>;
 
-// The handle that `make(ubs_x** out)` makes.
+// Returns the handle that `make(ubs_x** out)` creates.
 template <typename T, typename Make>
 T* made(const Make& make) {
   T* handle = nullptr;
@@ -113,7 +114,7 @@ class Device {
 class Settings {
  public:
   Settings() : Settings(detail::made<ubs_settings>(ubs_settings_create)) {}
-  explicit Settings(ubs_settings* handle) : handle_(handle) {}  // takes it
+  explicit Settings(ubs_settings* handle) : handle_(handle) {}  // takes ownership
   Settings(const Settings& other)
       : Settings(detail::made<ubs_settings>(
             [&](ubs_settings** copy) { return ubs_settings_copy(other.get(), copy); })) {}
@@ -156,7 +157,7 @@ class Data {
   explicit Data(const std::string& path, const Settings& settings = {})
       : handle_(detail::made<ubs_data>(
             [&](ubs_data** data) { return ubs_data_open(path.c_str(), settings.get(), data); })) {}
-  // An empty name: its number. Empty spans: no image, no mask.
+  // If the name is empty, it is the number of the view. Empty spans: no image, no mask.
   Data& add_view(const std::string& split, const std::string& name, const ubs_camera& camera,
                  std::span<const std::uint8_t> rgb = {}, std::span<const std::uint8_t> mask = {}) {
     const std::size_t pixels = detail::pixels(camera);
@@ -194,7 +195,7 @@ class Data {
   detail::Handle<ubs_data, ubs_data_free> handle_;
 };
 
-// Raw values of a parameter group inside of a model, (rows, splats).
+// Raw values of a parameter inside of a model, (rows, splats).
 struct Parameter {
   std::string name;
   std::size_t dim = 0, rows = 0, splats = 0;
@@ -204,7 +205,7 @@ struct Parameter {
 
 class Model {
  public:
-  explicit Model(ubs_model* handle) : handle_(handle) {}  // takes it
+  explicit Model(ubs_model* handle) : handle_(handle) {}  // takes ownership
   explicit Model(const std::string& path)
       : Model(detail::made<ubs_model>([&](ubs_model** m) { return ubs_model_load(path.c_str(), m); })) {}
   Model(const Settings& settings, std::uint64_t splats)
@@ -271,7 +272,7 @@ class Renderer {
   Picture draw(const ubs_camera& camera) {
     const std::size_t pixels = detail::pixels(camera);
     auto image = sized<ubs_image>();
-    // Before a GiB is taken for a picture, the library may refuse it.
+    // A very large image may be refused by the library: find out before allocating a GiB for it.
     if (pixels > (1u << 26)) check(ubs_renderer_draw(get(), &camera, &image));
     Picture picture{
         camera.width, camera.height, std::vector<float>(3 * pixels), std::vector<float>(pixels), {}};
@@ -282,7 +283,8 @@ class Renderer {
     check(ubs_renderer_draw(get(), &camera, &image));
     return picture;
   }
-  // `gradient`: a copy of the model, for instance; null: the camera's is all that is wanted. Empty spans: 0.
+  // `gradient` receives the gradient, for example a copy of the model; null: only the gradient of the camera
+  // is computed. Empty spans: 0.
   void vjp(const ubs_camera& camera, std::span<const float> v_rgb, std::span<const float> v_alpha,
            const Model* gradient, std::span<const float> v_depth = {}) {
     if (!v_rgb.empty()) detail::check_size(v_rgb.size(), 3 * detail::pixels(camera), "v_rgb");
@@ -298,7 +300,7 @@ class Renderer {
            const Model& gradient) {
     vjp(camera, v_rgb, v_alpha, &gradient);
   }
-  // Of the number whose gradient was asked for last.
+  // Returns the gradient with respect to the camera that belongs to the last call of vjp() or loss().
   ubs_camera_gradient camera_gradient() {
     auto gradient = sized<ubs_camera_gradient>();
     check(ubs_renderer_camera_gradient(get(), &gradient));
@@ -313,7 +315,7 @@ class Renderer {
                             &loss, gradient ? gradient->get() : nullptr));
     return loss;
   }
-  // Of a view of height x width pixels: for UBS_ARRAY_V_RGB.
+  // height and width are the size of the view, for UBS_ARRAY_V_RGB.
   ubs_array array(ubs_array_name name, std::uint32_t group = 0, std::int64_t height = 0,
                   std::int64_t width = 0) {
     auto array = sized<ubs_array>();
@@ -344,8 +346,8 @@ class Trainer {
           return ubs_trainer_create(device.get(), data.get(), settings.get(),
                                     initial ? initial->get() : nullptr, t);
         })) {}
-  // To the end, or `steps` iterations. The function returns whether to go on; what it throws ends the run
-  // too, and comes out of here.
+  // Trains to the end, or for `steps` iterations. The function returns whether to continue. If it throws, the
+  // run ends and the exception is passed on to the caller.
   void run(const std::function<bool(const ubs_step&)>& on_step = {}, std::uint32_t steps = 0) {
     struct Call {
       const std::function<bool(const ubs_step&)>& function;

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learns a model with PyTorch's Adam and a loss of one's own: python torch_fit.py DATA MODEL.ply [STEPS].
+"""Trains a model with PyTorch's Adam and a custom loss: python torch_fit.py DATA MODEL.ply [STEPS].
 
-`ubs synth glossy --out DATA` makes data. This shows the interface: ubs.train() is faster and knows how to add splats."""
+`ubs synth glossy --out DATA` makes data. This example shows the interface. ubs.train() is faster and can add splats."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import torch
 import ubs
 import ubs.torch
 
-RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}  # of the others: 1e-3
+RATES = {"xyz": 2e-4, "rgb": 5e-3, "opacity": 5e-2, "scale": 5e-3}  # learning rates; 1e-3 for the others
 
 
 def charbonnier(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """A smooth form of the absolute difference."""
+    """A smooth variant of the absolute difference."""
     loss: torch.Tensor = torch.sqrt((image - target) ** 2 + 1e-6).mean()
     return loss
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Universal Beta Splatting: learn scenes from images, draw them, and differentiate what is drawn.
+"""Universal Beta Splatting: train models of scenes from images, render them, and differentiate rendered images.
 
     import ubs
     data = ubs.Dataset.open("scene")
     model = ubs.train(data, dim=6, iterations=7000)
     image = model.render(data.test[0].camera)        # numpy, (H, W, 3)
 
-Any device with OpenCL or CUDA, CPUs too. ubs.torch and ubs.jax are imported by their names alone."""
+Runs on any device with OpenCL or CUDA, including CPUs. ubs.torch and ubs.jax must be imported explicitly."""
 
 from . import metrics
 from ._abi import version as _version

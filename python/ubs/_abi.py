@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The C interface of the library (include/ubs/ubs.h) by ctypes: structs, functions, handles. Not for users."""
+"""Internal: the C interface of the library (include/ubs/ubs.h) in ctypes: structs, functions, handles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ logger = logging.getLogger("ubs")
 
 
 def _open() -> ctypes.CDLL:
-    """UBS_LIBRARY, else the library inside of the package, else the one that the system finds."""
+    """Loads the library: UBS_LIBRARY, or the one inside of the package, or the one that the system finds."""
     name = f"libubs.so.{ABI_VERSION}"
     chosen = os.environ.get("UBS_LIBRARY")
     own = Path(__file__).parent / "lib" / name
@@ -36,7 +36,7 @@ def _open() -> ctypes.CDLL:
 
 
 class Struct(ctypes.Structure):
-    """A struct of ubs.h that begins with its size."""
+    """A struct of ubs.h that starts with its size."""
 
     def __init__(self, **values: Any) -> None:
         super().__init__(**values)
@@ -177,7 +177,8 @@ LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 RENDER_DEPTH, RENDER_GRADIENTS = 1, 2
 
 def _of(kind: str) -> Any:
-    """The type of an argument that is a handle of this kind: an address of anything else would be read as one."""
+    """Returns the type of an argument that is a handle of this kind. Any other object raises TypeError, because its
+    address would be interpreted as a handle."""
 
     def from_param(value: Any) -> Any:
         if value is not None and not (isinstance(value, Handle) and value._kind == kind):
@@ -190,7 +191,7 @@ def _of(kind: str) -> Any:
 _KINDS = ("device", "settings", "data", "model", "renderer", "trainer", "meter")
 _device, _settings, _data, _model, _renderer, _trainer, _meter = (_of(kind) for kind in _KINDS)
 _out = POINTER(c_void_p)
-# Each gives a status.
+# All of these return a status.
 _FUNCTIONS: dict[str, list[Any]] = {
     "device_count": [POINTER(c_size_t)],
     "device_describe": [c_size_t, POINTER(DeviceInfo)],
@@ -259,7 +260,7 @@ _LIMITS = {c_int: (-(2**31), 2**31), c_int32: (-(2**31), 2**31), c_uint: (0, 2**
 
 
 def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
-    """ctypes passes the lower bits of those that do not fit."""
+    """Raises UsageError for integers that do not fit, because ctypes would pass their lower bits."""
     for kind, value in zip(_FUNCTIONS[name], arguments):
         if kind in _LIMITS and hasattr(value, "__index__"):
             low, end = _LIMITS[kind]
@@ -267,8 +268,8 @@ def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
                 raise UsageError(f"ubs_{name}: {value} is not an integer from {low} to {end - 1}")
 
 
-# Drivers have threads, and a forked process has none of them: the first call would wait for ever. What is on the
-# host alone works.
+# Drivers have threads, which a forked process does not have: the first call to a driver would wait forever. Functions
+# that only use the host work.
 _DRIVEN = ("device", "renderer", "trainer", "meter")
 _drivers_are_loaded = _drivers_are_lost = False
 
@@ -282,7 +283,7 @@ os.register_at_fork(after_in_child=_after_fork)
 
 
 def call(name: str, *arguments: Any) -> None:
-    """Calls ubs_NAME; raises what its status says."""
+    """Calls ubs_NAME. Raises an exception if the status is not UBS_OK."""
     global _drivers_are_loaded
     if name.startswith(_DRIVEN):
         if _drivers_are_lost:
@@ -303,7 +304,8 @@ class Handle:
 
     def __init__(self, kind: str, maker: str, *arguments: Any) -> None:
         self._kind = kind
-        self._as_parameter_ = c_void_p()  # what ctypes passes; calls are given the object, which so lives through them
+        # The value that ctypes passes. Calls are given this object, so that it exists until they return.
+        self._as_parameter_ = c_void_p()
         call(maker, *arguments, ctypes.byref(self._as_parameter_))
 
     def __reduce_ex__(self, _protocol: Any) -> Any:
@@ -336,5 +338,5 @@ _library.ubs_set_log(_log, None)
 
 
 @atexit.register
-def _no_log() -> None:  # the interpreter goes before the library does
+def _no_log() -> None:  # the interpreter ends before the library is unloaded
     _library.ubs_set_log(LogFunction(0), None)

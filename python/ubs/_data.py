@@ -24,7 +24,7 @@ def c_pointer(array: npt.NDArray[Any] | None) -> int | None:
 
 
 def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
-    """As float32, tightly packed, of this shape."""
+    """Returns values as a tightly packed float32 array. Raises UsageError for another shape."""
     array = np.ascontiguousarray(values, dtype=np.float32)
     if array.shape != shape:
         raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
@@ -32,7 +32,7 @@ def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArr
 
 
 def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> ByteArray:
-    """8 bits as they are; floating point from 0 to 1 clamped and rounded."""
+    """Returns an image as uint8. uint8 values are kept; floating-point values from 0 to 1 are clamped and rounded."""
     array = np.asarray(image)
     if array.shape != shape:
         raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
@@ -47,10 +47,11 @@ def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Byte
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with COLMAP's axes: x right, y down, z forward. Equal to one with the same numbers.
+    """A pinhole camera with COLMAP's axes: x right, y down, z forward. Cameras are equal if all their numbers are
+    equal.
 
-    world_to_camera: (3, 4), rotation and translation. fx, fy, cx, cy, width, height in pixels; the centre of the first
-    pixel is (0.5, 0.5). time: 0 to 1, of models with time. extra: further query values of N = 5 and from 8 on."""
+    world_to_camera: (3, 4), rotation and translation. fx, fy, cx, cy, width, height: in pixels; the centre of the first
+    pixel is (0.5, 0.5). time: 0 to 1, for models with time. extra: further query values, for N = 5 and N >= 8."""
 
     world_to_camera: npt.NDArray[np.float64]
     fx: float
@@ -79,7 +80,7 @@ class Camera:
     def from_matrix(
         world_to_camera: npt.ArrayLike, intrinsics: npt.ArrayLike, width: int, height: int, time: float = 0.0
     ) -> Camera:
-        """intrinsics: (3, 3), or (fx, fy, cx, cy)."""
+        """Makes a camera. intrinsics: (3, 3), or (fx, fy, cx, cy)."""
         k = np.asarray(intrinsics, dtype=np.float64)
         if k.shape == (3, 3):
             k = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
@@ -89,7 +90,7 @@ class Camera:
         return Camera(np.asarray(world_to_camera, dtype=np.float64), fx, fy, cx, cy, width, height, time)
 
     def at(self, time: float) -> Camera:
-        """The same camera at another time."""
+        """Returns the same camera at another time."""
         return replace(self, time=time)
 
     def to_c(self) -> _abi.Camera:
@@ -101,7 +102,7 @@ class Camera:
         c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
         if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
             raise UsageError(f"the camera: width and height are integers, not {self.width} and {self.height}")
-        if max(abs(self.width), abs(self.height)) >= 2**31:  # of which ctypes would take the lower bits
+        if max(abs(self.width), abs(self.height)) >= 2**31:  # ctypes would take the lower bits
             raise UsageError(f"the camera: the image size {self.width}x{self.height} is not possible")
         c.width, c.height = int(self.width), int(self.height)
         c.world_to_camera[:] = [float(v) for v in matrix.ravel()]
@@ -129,7 +130,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class View:
-    """A view of a data set: name, camera, and its image where it has one."""
+    """A view of a data set: name, camera, and its image if it has one."""
 
     name: str
     camera: Camera
@@ -141,12 +142,12 @@ class View:
 
     @property
     def image(self) -> ByteArray:
-        """(H, W, 3), decoded now where the data set does not hold it."""
+        """The image, (H, W, 3). It is decoded now if the data set does not keep it in memory."""
         return self._load()[0]
 
     @property
     def mask(self) -> ByteArray:
-        """(H, W); 0: the pixel does not count. 255 everywhere for a view without mask."""
+        """The mask, (H, W), where 0 means that the pixel does not count. 255 everywhere if the view has no mask."""
         return self._load()[1]
 
     def _load(self) -> tuple[ByteArray, ByteArray]:
@@ -164,18 +165,18 @@ class View:
 
 
 class Dataset(_abi.Handle):
-    """Views with cameras and images in the splits "train", "test" and "val". Made by open() or from_arrays()."""
+    """Views with cameras and images in the splits "train", "test" and "val". Created by open() or from_arrays()."""
 
     @classmethod
     def open(cls, path: os.PathLike[str] | str, **settings: Any) -> Dataset:
-        """A folder of any layout that ubs knows, or a packed file. `settings`: background, downscale, layout,
+        """Opens a folder of any layout that ubs supports, or a packed file. `settings`: background, downscale, layout,
         test_every, frames and so on."""
         data = cls.__new__(cls)
         _abi.Handle.__init__(data, "data", "data_open", _abi.path_bytes(path), Settings(settings))
         return data
 
     def __init__(self) -> None:
-        """Without views, for add_view()."""
+        """Creates a data set without views, to be filled with add_view()."""
         super().__init__("data", "data_create")
 
     @classmethod
@@ -191,10 +192,12 @@ class Dataset(_abi.Handle):
         colours: npt.ArrayLike | None = None,
         test: Sequence[int] = (),
     ) -> Dataset:
-        """images: V of (H, W, 3), uint8 or floating point from 0 to 1, already on their background.
+        """Makes a data set of V views from arrays.
+
+        images: V arrays of (H, W, 3), uint8 or floating point from 0 to 1, already composited on their background.
         world_to_camera: (V, 3, 4). intrinsics: (3, 3) or (fx, fy, cx, cy), or V of them. times: (V,), 0 to 1.
-        masks: V of (H, W), 0 where a pixel does not count. points: (P, 3) and colours: (P, 3) uint8 to begin from.
-        test: numbers of the views that are measured and not learnt."""
+        masks: V arrays of (H, W), where 0 means that a pixel does not count. points: (P, 3) and colours: (P, 3) uint8,
+        for the initial model. test: indices of the views that are used for evaluation and not for training."""
         count = len(images)
         poses = np.asarray(world_to_camera, dtype=np.float64)
         if poses.ndim != 3 or poses.shape[0] != count:
@@ -239,7 +242,7 @@ class Dataset(_abi.Handle):
         mask: npt.ArrayLike | None = None,
         name: str | None = None,
     ) -> None:
-        """Appends a view. image: (H, W, 3), mask: (H, W). `name`: unique in its split; default: its number."""
+        """Appends a view. image: (H, W, 3), mask: (H, W). `name`: unique in its split; by default the view's number."""
         size = (camera.height, camera.width)
         rgb = None if image is None else image_bytes(image, (*size, 3), "the image")
         counts = None
@@ -259,7 +262,7 @@ class Dataset(_abi.Handle):
         )
 
     def set_points(self, points: npt.ArrayLike, colours: npt.ArrayLike | None = None) -> None:
-        """Points that training begins from: (P, 3) in the world, and (P, 3) uint8."""
+        """Sets the points that training starts from: (P, 3) in the world, and their colours (P, 3) uint8."""
         positions = np.ascontiguousarray(points, dtype=np.float32)
         if positions.ndim != 2 or positions.shape[1] != 3:
             raise UsageError(f"points has the shape {positions.shape}, not (P, 3)")
@@ -267,7 +270,7 @@ class Dataset(_abi.Handle):
         _abi.call("data_set_points", self, len(positions), c_pointer(positions), c_pointer(rgb))
 
     def views(self, split: str) -> list[View]:
-        """The views of a split; none where there is no such split."""
+        """Returns the views of a split; an empty list if there is no such split."""
         count = ctypes.c_size_t()
         _abi.call("data_view_count", self, split.encode(), ctypes.byref(count))
         found = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Devices."""
+"""Opens and lists devices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ._errors import DeviceError
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device as `ubs devices` lists it; sizes in bytes."""
+    """A device as listed by `ubs devices`; sizes in bytes."""
 
     index: int
     name: str
@@ -31,7 +31,7 @@ class DeviceInfo:
 
 
 def devices() -> list[DeviceInfo]:
-    """All devices of this machine."""
+    """Returns all devices of this machine."""
     count = ctypes.c_size_t()
     _abi.call("device_count", ctypes.byref(count))
     found = []
@@ -56,29 +56,29 @@ def devices() -> list[DeviceInfo]:
 
 
 def request_text(request: Union[str, int, None]) -> str:
-    """As the library takes it. A bool, which is an int, counts no devices."""
+    """Returns the request in the form that the library takes. A bool is an int, but not the index of a device."""
     if request is None:
         return ""
     if isinstance(request, str):
         return request
     if isinstance(request, (int, np.integer)) and not isinstance(request, bool):
-        if request < 0:  # whose text the library would look for in names
+        if request < 0:  # the library would look for its text in device names
             raise DeviceError(f"there is no device {request}")
         return str(int(request))
     raise TypeError(f"a device is an index, a text or a ubs.Device, not {type(request).__name__}")
 
 
 class Device(_abi.Handle):
-    """An open device. `request`: an index as `ubs devices` counts, "cpu", "gpu", "cuda", "opencl", or a part of a
-    name; "": UBS_DEVICE, else the first GPU, else the first device. Functions that take a device take such a request
-    too, and open it once."""
+    """An open device. `request`: an index in the order of `ubs devices`, "cpu", "gpu", "cuda", "opencl", or a part of a
+    name; "": UBS_DEVICE, or the first GPU if that is not set, or the first device if there is no GPU. Functions that
+    take a device also accept such a request, and open the device once."""
 
     def __init__(self, request: Union[str, int] = "") -> None:
         super().__init__("device", "device_open", request_text(request).encode())
 
     @property
     def allocated_bytes(self) -> int:
-        """Device memory in use by what has been made of this object."""
+        """Device memory that objects created with this device use."""
         info = _abi.DeviceInfo()
         _abi.call("device_get_info", self, ctypes.byref(info))
         return int(info.allocated_bytes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Device memory as DLPack hands it to other packages: torch.from_dlpack, cupy.from_dlpack and so on."""
+"""Shares device memory with other packages through DLPack: torch.from_dlpack, cupy.from_dlpack and so on."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy.typing as npt
 from . import _abi
 from ._errors import UsageError
 
-_NAME = b"dltensor"  # of a capsule that nobody has taken yet
+_NAME = b"dltensor"  # name of a capsule that has not been consumed yet
 _FLOAT = 2
 
 
 class _Tensor(ctypes.Structure):
-    """DLManagedTensor."""
+    """The struct DLManagedTensor of DLPack."""
 
     _fields_ = [
         ("data", c_void_p),
@@ -36,7 +36,7 @@ class _Tensor(ctypes.Structure):
     ]
 
 
-_handed_out: dict[int, tuple[Any, ...]] = {}  # what a tensor needs, until who took it gives it back
+_handed_out: dict[int, tuple[Any, ...]] = {}  # objects that a tensor needs until its consumer deletes it
 
 
 def _give_back(tensor: int) -> None:
@@ -46,7 +46,8 @@ def _give_back(tensor: int) -> None:
 _python: Any = ctypes.pythonapi
 _new, _valid, _pointer = _python.PyCapsule_New, _python.PyCapsule_IsValid, _python.PyCapsule_GetPointer
 _new.argtypes, _new.restype = [c_void_p, c_char_p, c_void_p], ctypes.py_object
-_valid.argtypes = _pointer.argtypes = [c_void_p, c_char_p]  # of a capsule that dies: not to be counted
+# Takes a capsule that is being destroyed, without counting a reference
+_valid.argtypes = _pointer.argtypes = [c_void_p, c_char_p]
 _pointer.restype = c_void_p
 
 
@@ -60,7 +61,7 @@ _deleter, _destructor = _function(_give_back), _function(_capsule_dies)
 
 
 class DeviceArray:
-    """float32 values in the memory of a device. They are the renderer's, which this keeps."""
+    """float32 values in the memory of a device. They belong to the renderer, which this object keeps alive."""
 
     def __init__(self, owner: object, array: _abi.Array) -> None:
         self._owner = owner
@@ -69,21 +70,21 @@ class DeviceArray:
 
     @property
     def address(self) -> int:
-        """Of the first value, on the device."""
+        """Address of the first value, on the device."""
         return int(self._array.values)
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return int(self._array.type), int(self._array.ordinal)
 
     def seen(self) -> npt.NDArray[np.float32]:
-        """The values themselves, on a CPU."""
+        """The same memory as a NumPy array, on a CPU."""
         if self._array.type != 1:
             raise UsageError("the values are on a card")
         return np.asarray(self)
 
     @property
     def __array_interface__(self) -> dict[str, Any]:
-        """For NumPy, on a CPU: np.asarray(array) copies nothing."""
+        """For NumPy, on a CPU: np.asarray(array) does not copy."""
         a = self._array
         if a.type != 1:
             raise AttributeError("the values are on a card")
@@ -91,7 +92,7 @@ class DeviceArray:
         return {"version": 3, "shape": self.shape, "strides": steps, "typestr": "<f4", "data": (self.address, False)}
 
     def __dlpack__(self, **_: Any) -> Any:
-        """Of no stream: the library has waited."""
+        """Needs no stream, because the library has already waited."""
         a = self._array
         sizes, steps = (c_int64 * 3)(*a.shape), (c_int64 * 3)(*a.strides)
         tensor = _Tensor(a.values, a.type, a.ordinal, a.dims, _FLOAT, 32, 1, sizes, steps)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ubs.torch and ubs.jax draw with: a model whose values are replaced before each picture."""
+"""Common code of ubs.torch and ubs.jax: a model whose values are replaced before each rendering."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ class Drawing:
         self.names = list(self.values)
         self.depth = depth
         self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
-        self.place: tuple[int, int] | None = None  # DLPack's, of memory that other packages can reach
+        # Device in the terms of DLPack, if other packages can access its memory.
+        self.place: tuple[int, int] | None = None
         try:
             self.place = self.renderer.array("parameters").__dlpack_device__()
         except UsageError:
             pass
-        self.lock = threading.RLock()  # values are put and drawn by several calls, of any thread
+        self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
 
     def check_shape(self, name: str, shape: Sequence[int]) -> None:
         if tuple(shape) != self.values[name].shape:
@@ -42,5 +43,5 @@ class Drawing:
     def differentiate(
         self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
     ) -> dict[str, FloatArray]:
-        self.put(arrays)  # another picture may have been drawn since
+        self.put(arrays)  # another image may have been rendered since
         return self.renderer.vjp(camera, *v_pictures)[0]

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions of the package: one for each kind of error of the library (include/ubs/ubs.h)."""
+"""The exceptions of the package, one for each kind of error of the library (include/ubs/ubs.h)."""
 
 from __future__ import annotations
 
 
 class Error(Exception):
-    """What a call of the library ended with. The text is one line: what is wrong, where, and what to do."""
+    """Base class of the errors that the library reports. The text is one line: what is wrong, where, and what to do."""
 
 
 class InternalError(Error):
-    """A broken promise of the library: please report."""
+    """A bug in the library: please report it."""
 
 
 class UsageError(Error, ValueError):

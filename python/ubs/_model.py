@@ -24,35 +24,35 @@ from ._settings import Settings
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A drawn view."""
+    """A rendered view."""
 
     rgb: FloatArray
     """(H, W, 3), not clamped."""
     alpha: FloatArray
     """(H, W)."""
     depth: FloatArray | None
-    """(H, W), expected depth in units of the world, where it was asked for."""
+    """(H, W), expected depth in units of the world, if requested."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraGradient:
-    """With respect to a camera, of changes that leave its rotation one."""
+    """Gradient with respect to a camera, for changes that keep its rotation a rotation."""
 
     pose: npt.NDArray[np.float64]
-    """(6,), of moves in the camera's frame: turns w about its axes [1/rad], then shifts u along them,
+    """(6,), for motions in the camera's frame: rotations w about its axes [1/rad], then translations u along them,
     (R, t) -> (exp([w]) R, exp([w]) t + u)."""
     world_to_camera: npt.NDArray[np.float64]
-    """(3, 4), the same for the matrix."""
+    """(3, 4), for the matrix, with the same restriction."""
     intrinsics: npt.NDArray[np.float64]
     """(4,): fx, fy, cx, cy."""
     time: float
     extra: npt.NDArray[np.float64]
-    """(4,), of further query values."""
+    """(4,), for further query values."""
 
 
 @dataclass(frozen=True)
 class Loss:
-    """The loss of training of a view: (1 - lambda_dssim) l1 + lambda_dssim (1 - ssim)."""
+    """The training loss of a view: (1 - lambda_dssim) l1 + lambda_dssim (1 - ssim)."""
 
     loss: float
     l1: float
@@ -60,30 +60,30 @@ class Loss:
 
 
 class Model(_abi.Handle):
-    """Splats in host memory. Made by load(), empty(), initial(), copy(), or by training."""
+    """Splats in host memory. Created by load(), empty(), initial(), copy(), or by training."""
 
     def __init__(self, maker: str, *arguments: Any) -> None:
         super().__init__("model", maker, *arguments)
         self._renderers: dict[tuple[Device, int], Renderer] = {}
-        self._handed_out = False  # parameters, which may be written at any time
+        self._handed_out = False  # parameters were returned and may be written at any time
 
     @staticmethod
     def load(path: os.PathLike[str] | str) -> Model:
-        """A model file of any known format, or the folder of a finished run of `ubs train`."""
+        """Loads a model file of any known format, or the model in the folder of a finished run of `ubs train`."""
         return Model("model_load", _abi.path_bytes(path))
 
     @staticmethod
     def empty(dim: int, splats: int, **settings: Any) -> Model:
-        """All raw parameters 0. `settings`: the form of the model, background, and so on."""
+        """Returns a model whose raw parameters are all 0. `settings`: variant of the model, background, and so on."""
         return Model("model_create", Settings({"dim": dim, **settings}), splats)
 
     @staticmethod
     def initial(data: Dataset, **settings: Any) -> Model:
-        """What a training on the data with these settings begins with."""
+        """Returns the model that a training on the data with these settings starts from."""
         return Model("model_create_initial", data, Settings(settings))
 
     def copy(self) -> Model:
-        """Another model with the same values."""
+        """Returns another model with the same values."""
         return Model("model_copy", self)
 
     def __copy__(self) -> Model:
@@ -93,8 +93,8 @@ class Model(_abi.Handle):
         return self.copy()
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
-        """format: a name of `ubs convert --to`, for example "spz" or "3dgs"; "ubs" loses nothing, the others hold the
-        model at `time`. None: by the extension, .ply is "ubs". Replaces a file of that name."""
+        """Saves the model. format: a name of `ubs convert --to`, for example "spz" or "3dgs". "ubs" saves everything;
+        other formats store the model at `time`. None: by the extension; .ply means "ubs". Replaces an existing file."""
         _abi.call("model_save", self, _abi.path_bytes(path), (format or "auto").encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
@@ -104,17 +104,17 @@ class Model(_abi.Handle):
 
     @property
     def dim(self) -> int:
-        """N, the dimensions of a splat; of the first group where they differ."""
+        """N, the number of dimensions of a splat; that of the first group if groups differ."""
         return int(self._info().dim)
 
     @property
     def form(self) -> str:
-        """"default", or the switches of the method that differ."""
+        """"default", or the settings of the variant that differ from it."""
         return _abi.text(self._info().form)
 
     @property
     def offset(self) -> npt.NDArray[np.float64]:
-        """(3,): positions of splats are relative to it, world = xyz + offset."""
+        """(3,): positions of splats are relative to the offset, world = xyz + offset."""
         return np.array(self._info().offset[:])
 
     def __len__(self) -> int:
@@ -122,8 +122,8 @@ class Model(_abi.Handle):
 
     @property
     def parameters(self) -> dict[str, FloatArray]:
-        """Raw parameters by name, such as "xyz": arrays (splats, values of one) that are views into the model: what is
-        written there is drawn. Of models whose splats differ in dimensions use groups."""
+        """Raw parameters by name, such as "xyz": arrays (splats, values per splat) that share memory with the model, so
+        values written to them are rendered. If the model has splats of different dimensions, use groups."""
         groups = self.groups
         if len(groups) > 1:
             raise UsageError(f"the model has splats of {len(groups)} dimensions: use groups")
@@ -131,7 +131,7 @@ class Model(_abi.Handle):
 
     @property
     def groups(self) -> list[dict[str, FloatArray]]:
-        """Parameters of the splats of each dimension."""
+        """Like parameters, one dictionary for the splats of each dimension."""
         self._handed_out = True
         return self._values()
 
@@ -146,13 +146,13 @@ class Model(_abi.Handle):
                     break
                 address = ctypes.addressof(p.values.contents)
                 buffer = (ctypes.c_float * (p.rows * p.splats)).from_address(address)
-                buffer._model = self  # keeps the memory
+                buffer._model = self  # keeps the memory alive
                 rows = np.frombuffer(buffer, np.float32).reshape(p.rows, p.splats)
                 found[-1][_abi.text(p.name)] = rows.T
         return found
 
     def renderer(self, device: DeviceLike = None, *, depth: bool = False, gradients: bool = False) -> Renderer:
-        """A renderer with the values that the model has now, kept with it."""
+        """Returns a renderer with the current values of the model. The model keeps it for the next call."""
         where = opened(device)
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
         key = (where, flags)
@@ -171,11 +171,12 @@ class Model(_abi.Handle):
         out: FloatArray | None = None,
         copy: bool = True,
     ) -> FloatArray:
-        """(H, W, 3), not clamped. `time`: in place of the camera's. `out`: an array to draw into, which spares the new
-        memory of a large picture. `copy=False`: where it was drawn, on a CPU with PoCL, and good until the model's next
-        picture; UsageError on other devices."""
+        """Renders a view and returns (H, W, 3), not clamped. `time` replaces that of the camera. `out`: an array to
+        render into, which saves allocating memory for a large image. `copy=False` returns the renderer's own memory, on
+        a CPU with PoCL; it is valid until the model's next image. UsageError on other devices."""
         renderer = self.renderer(device)
-        if renderer._lends_other(camera.height, camera.width):  # whose memory a picture of this size would take
+        # Rendering this size would free the memory of that array
+        if renderer._lends_other(camera.height, camera.width):
             self._renderers = {key: kept for key, kept in self._renderers.items() if kept is not renderer}
             renderer = self.renderer(device)
         if copy or out is not None:
@@ -185,8 +186,8 @@ class Model(_abi.Handle):
 
 
 class Renderer(_abi.Handle):
-    """A model on a device. `settings` that decide how it is drawn, such as background; without any: as the model
-    says."""
+    """A model on a device. `settings` are those for rendering, such as background; the others are those that the model
+    states."""
 
     def __init__(
         self,
@@ -199,7 +200,7 @@ class Renderer(_abi.Handle):
     ) -> None:
         self.device: Device = opened(device)
         self._depth = depth
-        self._like: Model | None = model.copy() if gradients else None  # for gradients, not seen by anyone
+        self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
         chosen: Any = None
         if settings:
@@ -207,19 +208,20 @@ class Renderer(_abi.Handle):
             _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
             for key, value in settings.items():
                 chosen.set(key, value)
-        self._v_rgb = 0  # address of the array that was handed out last
-        self._lent: list[weakref.ref[DeviceArray]] = []  # of pictures
-        self._lock = threading.RLock()  # gradients come by several calls, of any thread
+        self._v_rgb = 0  # address of the last returned array
+        self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
+        self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
         super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
 
     def update(self, model: Model) -> None:
-        """Other values of the parameters, of the same form and dimensions and of at most as many splats."""
+        """Replaces the parameter values by those of a model of the same variant and dimensions, with at most as many
+        splats."""
         _abi.call("renderer_update", self, model)
         if self._like is not None and len(self._like) != len(model):
             self._like = model.copy()
 
     def _lends_other(self, height: int, width: int) -> bool:
-        """Whether somebody holds an array of a picture of another size."""
+        """Returns whether the caller still holds an array of an image of another size."""
         self._lent = [lent for lent in self._lent if lent() is not None]
         held = (lent() for lent in self._lent)
         return any(array is not None and array.shape[:2] != (height, width) for array in held)
@@ -232,7 +234,7 @@ class Renderer(_abi.Handle):
             )
 
     def render(self, camera: Camera, time: float | None = None) -> Image:
-        """Draws a view."""
+        """Renders a view."""
         return self._draw(camera, time)
 
     def _draw(
@@ -245,7 +247,7 @@ class Renderer(_abi.Handle):
             and out.flags.c_contiguous and out.flags.writeable
         ):
             raise UsageError(f"out must be a writable, tightly packed array of float32 with the shape {(*size, 3)}")
-        if size[0] * size[1] > 2**26:  # before a GiB is taken for a picture, the library may refuse it
+        if size[0] * size[1] > 2**26:  # the library may refuse it: check before allocating a GiB
             _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(_abi.Image()))
         rgb = np.empty((*size, 3), np.float32) if out is None else out
         weight = np.empty(size if alpha else 0, np.float32)
@@ -258,22 +260,24 @@ class Renderer(_abi.Handle):
         return Image(rgb, weight, depth)
 
     def draw(self, camera: Camera) -> None:
-        """Draws a view and leaves it on the device: array() has it."""
+        """Renders a view and leaves it on the device, where array() gives access to it."""
         with self._lock:
             self._take_size(camera.height, camera.width)
             _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
 
     def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
-        """An array in the memory of its device, of CUDA or a CPU with PoCL, for torch.from_dlpack and its like (a CPU:
-        np.asarray too); UsageError on others.
+        """Returns an array in the memory of the device, for torch.from_dlpack and similar functions (on a CPU also
+        np.asarray). Available on CUDA devices and on CPUs with PoCL; UsageError on others.
 
-        "parameters" (rows, splats), in the order of Model.parameters, which may be written; of the picture drawn last
-        "rgb" (H, W, 3), not after vjp() of alpha or depth, "transmittance" (H, W), which is 1 - alpha, and "depth"
-        (H, W); "v_rgb", zeros of `size` (H, W, 3) to be written and given to vjp(); "gradient" (rows, splats) after
-        vjp() or loss().
+        - "parameters" (rows, splats), in the order of Model.parameters; may be written
+        - of the last rendered image: "rgb" (H, W, 3), but not after vjp() of alpha or depth; "transmittance" (H, W),
+          which is 1 - alpha; and "depth" (H, W)
+        - "v_rgb": zeros of `size` (H, W, 3), to be written and passed to vjp()
+        - "gradient" (rows, splats), after vjp() or loss()
 
-        The library has finished with it. The caller must have too, streams and all, before the next call here. It is
-        good until a view of another size is drawn, which is refused while somebody holds it."""
+        The library has finished using the array. The caller must also have finished, including work in streams, before
+        the next call here. The array is valid until a view of another size is rendered; this is refused while the array
+        is in use."""
         if name not in _abi.ARRAYS:
             raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
@@ -305,11 +309,12 @@ class Renderer(_abi.Handle):
         *,
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
-        """See ubs.vjp(); a dictionary a group, none without `parameters`, for those who want camera_gradient() or
-        array("gradient") alone. v_rgb may be array("v_rgb"), without v_alpha then."""
+        """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
+        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None."""
         into = self._gradients()
         size = (camera.height, camera.width)
-        if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:  # any other would be read as of the host
+        # Any other address would be read as host memory
+        if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
             raise UsageError('v_rgb is an array of a device, and not what array("v_rgb") of this renderer gave last')
         on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
         rgb = None if v_rgb is None or isinstance(v_rgb, DeviceArray) else floats(v_rgb, (*size, 3), "v_rgb")
@@ -324,9 +329,9 @@ class Renderer(_abi.Handle):
             return _copied(into) if parameters else []
 
     def camera_gradient(self) -> CameraGradient:
-        """With respect to the camera, of the number whose gradient vjp() or loss() gave last. What the view direction
-        does to the splats is in it, also where the setting query_grad leaves it out of the parameters' gradients.
-        UsageError before a sky."""
+        """Returns the gradient with respect to the camera that belongs to the last call of vjp() or loss(). It includes
+        the effect of the view direction on the splats, even if the setting query_grad excludes that from the gradients
+        of the parameters. UsageError if the background is a sky."""
         g = _abi.CameraGradient()
         _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
         return CameraGradient(
@@ -345,7 +350,7 @@ class Renderer(_abi.Handle):
         mask: npt.ArrayLike | None = None,
         gradients: bool = True,
     ) -> tuple[Loss, list[dict[str, FloatArray]]]:
-        """See ubs.loss(); a dictionary a group, none without gradients."""
+        """See ubs.loss(). Returns one dictionary per group, or none without gradients."""
         into = self._gradients() if gradients else None
         size = (camera.height, camera.width)
         wanted = floats(as_float(target), (*size, 3), "target")
@@ -369,7 +374,7 @@ class Renderer(_abi.Handle):
 
 
 def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
-    """8 bits as the library makes numbers of them, the same bits; floating point as it is."""
+    """Converts uint8 to the same float values as the library does, bit by bit; keeps floating-point values."""
     array = np.asarray(image)
     if array.dtype == np.uint8:
         return array.astype(np.float32) / np.float32(255)
@@ -397,9 +402,9 @@ def vjp(
     *,
     v_depth: npt.ArrayLike | None = None,
 ) -> dict[str, FloatArray]:
-    """Vector-Jacobian product of drawing: from the gradient of a number with respect to the pixels, v_rgb (H, W, 3),
-    v_alpha (H, W) and v_depth (H, W), that with respect to every raw parameter, with the names and shapes of
-    model.parameters. Renderer.camera_gradient() has that with respect to the camera."""
+    """Vector-Jacobian product of rendering. Converts the gradient of a scalar with respect to the pixels, v_rgb (H, W,
+    3), v_alpha (H, W) and v_depth (H, W), to its gradient with respect to every raw parameter, with the names and
+    shapes of model.parameters. Renderer.camera_gradient() returns the gradient with respect to the camera."""
     renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
     return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
 
@@ -412,7 +417,7 @@ def loss(
     mask: npt.ArrayLike | None = None,
     device: DeviceLike = None,
 ) -> tuple[Loss, dict[str, FloatArray]]:
-    """The loss of training of one view against target (H, W, 3), uint8 or float, and its gradient as of vjp(), without
-    regularisers. mask: (H, W), 0 where a pixel does not count."""
+    """Returns the training loss of one view against target (H, W, 3), uint8 or float, and its gradient as in vjp(),
+    without regularisers. mask: (H, W), where 0 means that a pixel does not count."""
     found, gradient = model.renderer(device, gradients=True).loss(camera, target, lambda_dssim, mask)
     return found, _only(gradient)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings by name, as the executable and YAML files have them."""
+"""Settings by name, as in the executable and in YAML files."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class Settings(_abi.Handle):
 
 
 def as_text(value: Any) -> str:
-    """7000 -> "7000", True -> "true", (1, 1, 1) -> "1,1,1"."""
+    """Converts a value to text: 7000 to "7000", True to "true", (1, 1, 1) to "1,1,1"."""
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (list, tuple, np.ndarray)):
         return ",".join(as_text(part) for part in value)
     if isinstance(value, float):
-        return repr(float(value))  # NumPy's own says its type
+        return repr(float(value))  # the repr of NumPy's types contains the type
     return str(value)
 
 
 def settings() -> dict[str, str]:
-    """The name of every setting, with what it means."""
+    """Returns the name and the description of every setting."""
     found: dict[str, str] = {}
     for index in range(1000):
         key, help_text = ctypes.c_char_p(), ctypes.c_char_p()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training."""
+"""Trains models."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ._settings import Settings
 
 @dataclass(frozen=True)
 class Step:
-    """What is known after an iteration; None where it was not measured there."""
+    """The state of a training after an iteration. Values that were not measured in it are None."""
 
     iteration: int
     iterations: int
@@ -36,7 +36,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Of an image, or the mean of several (docs/metrics.md); None: not measured."""
+    """Metrics of an image, or the mean of several images (docs/metrics.md). None: not measured."""
 
     psnr: float
     psnr_joint: float
@@ -66,8 +66,8 @@ def _step(c: _abi.Step) -> Step:
 
 
 class _Interrupt:
-    """Ctrl-C is noted in place of raised, which could be anywhere in a call from C, where it would be lost. Only in the
-    main thread, and not where somebody has a handler of their own."""
+    """Records Ctrl-C instead of raising KeyboardInterrupt, which would be lost if it was raised in a callback from C.
+    Does so only in the main thread, and not if the program has installed another handler."""
 
     def __init__(self) -> None:
         self.came = False
@@ -92,9 +92,9 @@ OnStep = Callable[[Step], Any]
 
 
 class Trainer(_abi.Handle):
-    """A training that can be run in parts. `settings`: those of `ubs train`, by name; those that decide how data are
-    read, such as background, must be the ones of Dataset.open(). `spec`: a YAML file of them. `initial`: a first model
-    in place of the one that the data give."""
+    """A training that can be run in parts. `settings` are those of `ubs train`, by name. Settings that determine how
+    data are read, such as background, must have the values that were passed to Dataset.open(). `spec`: a YAML file with
+    settings. `initial`: the initial model, instead of one made from the data."""
 
     def __init__(
         self,
@@ -110,12 +110,13 @@ class Trainer(_abi.Handle):
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
-        """`steps` iterations, or all that are left: 0. `on_step` is called after each; where it returns False training
-        stops there, and what it raises ends the run and comes out of here. So does Ctrl-C; the trainer then holds the
-        state of the last iteration and can be saved or go on."""
+        """Trains for `steps` iterations, or all remaining ones if it is 0. `on_step` is called after each iteration. If
+        it returns False, training stops there; if it raises an exception, the run ends and the exception is passed on.
+        Ctrl-C has the same effect. The trainer then has the state of the last iteration, and can be saved or
+        continue."""
         if steps < 0:
             raise UsageError(f"steps = {steps}: give a number of iterations, or 0 for all that are left")
-        raised: list[BaseException] = []  # no exception may cross C
+        raised: list[BaseException] = []  # exceptions must not pass through C code
 
         with _Interrupt() as interrupt:
 
@@ -137,18 +138,18 @@ class Trainer(_abi.Handle):
 
     @property
     def status(self) -> Step:
-        """Where it stands."""
+        """The current progress."""
         step = _abi.Step()
         _abi.call("trainer_get_status", self, ctypes.byref(step))
         return _step(step)
 
     @property
     def model(self) -> Model:
-        """A copy of the model as it is now."""
+        """A copy of the current model."""
         return Model("trainer_get_model", self)
 
     def evaluate(self) -> Metrics:
-        """The mean over the test views."""
+        """Returns the mean metrics over the test views."""
         found = _abi.Metrics()
         _abi.call("trainer_evaluate", self, ctypes.byref(found))
         return metrics_of(found)
@@ -158,13 +159,13 @@ class Trainer(_abi.Handle):
         _abi.call("trainer_save", self, _abi.path_bytes(path))
 
     def restore(self, path: os.PathLike[str] | str) -> None:
-        """Goes on from a checkpoint of the same data, settings and device, with the bits that the run would have had
-        without interruption."""
+        """Resumes from a checkpoint of the same data, settings and device. The result is bit-identical to that of an
+        uninterrupted run."""
         _abi.call("trainer_restore", self, _abi.path_bytes(path))
 
 
 def _progress() -> tuple[OnStep, Callable[[], None]] | None:
-    """tqdm, where it is there and somebody looks."""
+    """Returns a progress bar of tqdm, if that is installed and stderr is a terminal."""
     if not sys.stderr.isatty():
         return None
     try:
@@ -190,8 +191,8 @@ def train(
     spec: str | None = None,
     **settings: Any,
 ) -> Model:
-    """Learns a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
-    ubs.settings() lists them. See Trainer for what can be done in between."""
+    """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
+    ubs.settings() lists them. Use Trainer to do other things during the training."""
     trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
     progress = _progress() if on_step is None else None
     try:

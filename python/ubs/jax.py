@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing as a differentiable function of JAX, also below jax.jit.
+"""Rendering as a differentiable function of JAX, which can be used in jax.jit.
 
     import ubs, ubs.jax
     splats = ubs.jax.Splats(ubs.Model.initial(data, dim=6))
@@ -7,7 +7,7 @@
     parameters = splats.parameters()                 # {"xyz": (splats, 3), ...}
     jax.grad(lambda p: my_loss(*view(p)))(parameters)
 
-Values go through host memory. There are reverse derivatives of first order, with respect to the parameters alone."""
+Values are copied through host memory. Only first-order reverse derivatives with respect to the parameters exist."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ Parameters = dict[str, Any]
 
 
 class Splats:
-    """A model of one dimension as functions of its raw parameters. With `depth` a picture has that too."""
+    """A model of one dimension as functions of its raw parameters. With `depth`, images include depth."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
         self._drawing = Drawing(model, device, depth)
         self._depth = depth
 
     def parameters(self) -> Parameters:
-        """Those of the model that it was made with."""
+        """Returns the parameters of the model that this object was created with."""
         return {name: jnp.array(values) for name, values in self._drawing.values.items()}
 
     def _arrays(self, parameters: Parameters) -> list[FloatArray]:
         return [np.asarray(parameters[name]) for name in self._drawing.names]
 
     def view(self, camera: Camera) -> Callable[[Parameters], tuple[Any, ...]]:
-        """The function from parameters to rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W)."""
+        """Returns the function from parameters to rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W)."""
         size = (camera.height, camera.width)
         shapes = [(*size, 3), size, size][: 3 if self._depth else 2]
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
 
-        # JAX calls these from threads of its own.
+        # JAX calls these functions from its own threads.
         def draw(parameters: Parameters) -> tuple[FloatArray | None, ...]:
             with self._drawing.lock:
                 image = self._drawing.draw(camera, self._arrays(parameters))
@@ -68,7 +68,7 @@ class Splats:
         return made
 
     def model(self, parameters: Parameters) -> Model:
-        """A copy of the model with these values."""
+        """Returns a copy of the model with these values."""
         with self._drawing.lock:
             self._drawing.put(self._arrays(parameters))
             return self._drawing.model.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1 (beyond: clamped)."""
+"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1 (other values are clamped)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def measure(
     weights: os.PathLike[str] | str | None = None,
     device: DeviceLike = None,
 ) -> Metrics:
-    """All metrics of an image. `networks` of LPIPS: "alex", "squeeze", "vgg", with their `weights`: a safetensors file,
-    or a folder of lpips_NAME.safetensors; None: the environment variable UBS_LPIPS_WEIGHTS."""
+    """Returns all metrics of an image. `networks`: LPIPS networks, of "alex", "squeeze" and "vgg". `weights`: a
+    safetensors file, or a folder with lpips_NAME.safetensors; None: the environment variable UBS_LPIPS_WEIGHTS."""
     shape = np.shape(truth)
     if len(shape) != 3 or shape[2] != 3:
         raise UsageError(f"truth has the shape {shape}, not (H, W, 3)")
@@ -45,12 +45,13 @@ def measure(
 
 
 def psnr(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
-    """[dB], mean over the channels of 10 log10(1 / mse), as published code has it. Infinite for equal images."""
+    """Returns the mean over the channels of 10 log10(1 / mse) [dB], as in published code. Infinite for equal images."""
     return measure(truth, image, device=device).psnr
 
 
 def ssim(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
-    """11 x 11 Gaussian windows, zero-padded, as of the loss. measure() has the one over whole windows too."""
+    """Returns SSIM with 11 x 11 Gaussian windows, zero-padded, as in the loss. measure() also has that over whole
+    windows."""
     return measure(truth, image, device=device).ssim
 
 
@@ -63,7 +64,7 @@ def lpips(
     weights: os.PathLike[str] | str | None = None,
     device: DeviceLike = None,
 ) -> float:
-    """LPIPS 0.1. The network is fed with 2 v - 1; `unit`: with v, as published evaluations of splats do."""
+    """Returns LPIPS 0.1. The network gets 2 v - 1 or, with `unit`, v as in published evaluations of splats."""
     found = measure(truth, image, networks=[network], weights=weights, device=device)
     value = getattr(found, f"lpips_{network}_unit" if unit else f"lpips_{network}")
     return float(value)

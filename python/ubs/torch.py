@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing as a differentiable function of PyTorch, for models that are learnt with its optimisers and losses.
+"""Rendering as a differentiable function of PyTorch, to train models with its optimisers and loss functions.
 
     import ubs, ubs.torch
     splats = ubs.torch.Splats(ubs.Model.initial(data, dim=6))
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
-A device of ubs draws, whichever that is. Tensors on the card on which ubs draws by CUDA stay there (DLPack); others
-pass through host memory. Gradients reach every raw parameter, and the camera where it is given as tensors, from
-colours, alpha and depth. There are none of second order. Models have splats of one dimension."""
+Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
+copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
+respect to the camera if it is passed as tensors. Second-order gradients are not supported. All splats of a model must
+have the same dimension."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def _array(tensor: Tensor) -> FloatArray:
 
 
 def _is_shared(drawing: Drawing, tensor: Tensor) -> bool:
-    """Whether the tensor is in the memory of the device that draws."""
+    """Returns whether the tensor is in the memory of the device that renders."""
     return drawing.place == ((2, tensor.device.index) if tensor.is_cuda else (1, 0))
 
 
@@ -59,7 +60,7 @@ def _wait(tensor: Tensor) -> None:
 
 def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
     for name, tensor in zip(drawing.names, parameters):
-        drawing.check_shape(name, tensor.shape)  # copy_() would spread one splat over all
+        drawing.check_shape(name, tensor.shape)  # copy_() would copy a single splat to all
     if not _is_shared(drawing, parameters[0]):
         drawing.put([_array(tensor) for tensor in parameters])
         return
@@ -83,8 +84,9 @@ def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor]) -> tup
 def _differentiate(
     drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], v: Sequence[Tensor | None]
 ) -> list[Tensor]:
-    """With respect to each parameter, contiguous: a transposed gradient costs every later operation."""
-    _put(drawing, parameters)  # another picture may have been drawn since
+    """Returns contiguous gradients of each parameter, because a transposed gradient slows down every later
+    operation."""
+    _put(drawing, parameters)  # another image may have been rendered since
     if not _is_shared(drawing, parameters[0]):
         found = drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v))[0]
         where = parameters[0].device
@@ -113,13 +115,14 @@ def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: 
 
 
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """torch's once_differentiable, which has no types."""
+    """torch's once_differentiable, which has no type annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
     return made
 
 
 class _Render(torch.autograd.Function):
-    """Inputs: the drawing, a camera, pose, intrinsics and time that replace its own or None, the parameters."""
+    """Inputs: the drawing; a camera; pose, intrinsics and time that replace those of the camera, or None; the
+    parameters."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
@@ -149,8 +152,8 @@ class _Render(torch.autograd.Function):
 
 
 class Splats(torch.nn.Module):
-    """The raw parameters of a model as a module: one torch.nn.Parameter (splats, values of one) a name of
-    Model.parameters, such as `xyz`. With `depth` a picture has that too."""
+    """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
+    in Model.parameters, such as `xyz`. With `depth`, images include depth."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
         super().__init__()
@@ -169,16 +172,18 @@ class Splats(torch.nn.Module):
         intrinsics: Tensor | None = None,
         time: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
-        """rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) where the module was made with it. pose (3, 4),
-        intrinsics (4,), fx, fy, cx, cy, and time take the place of the camera's, and get gradients. That of the pose is
-        right for changes that leave its rotation one: make it of three or four numbers, by matrix_exp for instance."""
+        """Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if the module was created with it.
+
+        pose (3, 4), intrinsics (4,), which are fx, fy, cx, cy, and time replace those of the camera, and get gradients.
+        The gradient of the pose is correct for changes that keep its rotation a rotation, so compute the pose from
+        three or four numbers, for example with matrix_exp."""
         pictures: tuple[Tensor, ...] = _Render.apply(
             self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
         return pictures
 
     def model(self) -> Model:
-        """A copy with the values that the parameters have now."""
+        """Returns a copy of the model with the current values of the parameters."""
         with self._drawing.lock:
             self._drawing.put([_array(tensor) for tensor in self._tensors()])
             return self._drawing.model.copy()

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Date, host and command that measurements are stored with.
+// These functions return the date, the host and the command line, which are stored with measurements.
 #pragma once
 
 #include <string>
@@ -8,6 +8,6 @@ namespace ubs::tools {
 
 std::string utc_date();  // "2026-11-20T04:09:50Z"
 std::string host_name();
-std::string command_line();  // of this process, as a shell takes it
+std::string command_line();  // of this process, quoted for a shell
 
 }  // namespace ubs::tools

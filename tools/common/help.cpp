@@ -29,7 +29,8 @@ class HelpFormatter : public CLI::Formatter {
     return text;
   }
 
-  // What is shown among the positionals is not repeated; rare groups are, and the foot, with --help-all.
+  // Options that are shown among the positionals are not repeated. Rare groups and the footer are only shown
+  // with --help-all.
   std::string option_groups(const CLI::App* app, CLI::AppFormatMode mode) const {
     std::ostringstream out;
     std::size_t left_out = 0;
@@ -83,7 +84,7 @@ class HelpFormatter : public CLI::Formatter {
     const auto found = entries_.find(app.get_name());
     return app.get_parent() && found != entries_.end() ? &found->second : nullptr;
   }
-  std::map<std::string, CommandEntry> entries_;  // by name of the command
+  std::map<std::string, CommandEntry> entries_;  // by command name
 };
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the program explains itself: commands in groups, two examples on top of each help, what is rarely set
-// only under --help-all, and what a misspelt option was probably meant to be.
+// These functions make the help texts of the program: commands in groups, two examples at the top of each
+// help, rarely used options only with --help-all, and suggestions for misspelt options.
 #pragma once
 
 #include <string>
@@ -10,21 +10,22 @@
 
 namespace ubs::tools {
 
-// Options in a group that begins so are shown by --help-all alone.
+// Option groups whose name starts with this are only shown by --help-all.
 inline constexpr const char* kRareGroup = "More settings";
 
-// To be called before subcommands are added, which take over what it sets.
+// Must be called before subcommands are added, because they inherit what it sets.
 void prepare_help(CLI::App& root);
-// Puts a subcommand that was added into its group, with its examples.
+// Adds a subcommand to its group, with its examples.
 void explain_command(CLI::App& root, const Command& command, const CommandEntry& entry);
 
-// "ubs render".
+// Returns the complete name, such as "ubs render".
 std::string full_name(const CLI::App& app);
-// The error message for a word that is not a subcommand, with the nearest one.
+// Returns the error message for a word that is not a subcommand. It suggests the subcommand with the most
+// similar name.
 std::string unknown_subcommand(const CLI::App& root, const std::string& word);
 
-// "; did you mean --cap-max?" for the first unknown option, or nothing if no option has nearly the same
-// letters.
+// Returns a text such as "; did you mean --cap-max?" for the first unknown option, or nothing if no option
+// has a similar name.
 std::string suggest_option(const CLI::App& app, const std::vector<std::string>& arguments);
 
 }  // namespace ubs::tools

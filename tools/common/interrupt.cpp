@@ -10,10 +10,10 @@ namespace ubs::tools {
 namespace {
 
 constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
-// Programs such as `timeout` send one request twice, to the process and to its group.
+// Programs such as `timeout` send the same signal twice, to the process and to its group.
 constexpr std::time_t kSameRequestSeconds = 2;
 
-// As the program was started; LLVM inside of OpenCL drivers takes the handlers over later.
+// This must be read when the program starts, because LLVM in OpenCL drivers replaces the handlers later.
 const bool hangup_ignored = [] {
   struct sigaction found = {};
   return sigaction(SIGHUP, nullptr, &found) == 0 && found.sa_handler == SIG_IGN;
@@ -23,7 +23,7 @@ volatile std::sig_atomic_t received = 0;
 volatile std::time_t received_at = 0;
 const char* volatile last_line = "";
 
-// Only async-signal-safe calls here.
+// This function may only make async-signal-safe calls.
 void note(int signal) {
   const std::time_t now = std::time(nullptr);
   if (received && now - received_at >= kSameRequestSeconds) {

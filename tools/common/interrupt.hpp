@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIGINT, SIGTERM and SIGHUP (a terminal that was closed) as a question that a loop asks, while an object of
-// this class lives. A second request, two seconds or more later, has the usual effect, so that a stuck
-// process can still be ended. Where SIGHUP is ignored (nohup) it stays so.
+// InterruptGuard lets a loop end cleanly. While the object exists, the signals SIGINT, SIGTERM and SIGHUP
+// (closed terminal) only set a state that the loop can query. A second signal, two seconds or more later, has
+// its usual effect, so that a stuck process can still be ended. If SIGHUP is ignored (nohup), it stays
+// ignored.
 #pragma once
 
 #include <array>
@@ -21,11 +22,11 @@ class InterruptGuard {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
-// While it lives such a request ends the program at once, with a line and kInterruptedExitCode: for work that
-// leaves nothing behind.
+// While an object of this class exists, any of these signals ends the program immediately, with a message and
+// kInterruptedExitCode. Used for work that leaves nothing behind.
 class EndOnRequest {
  public:
-  // `line` is printed on stderr. It must outlive the program, as a literal does.
+  // `line` is printed to stderr. It must exist until the program ends, like a string literal.
   explicit EndOnRequest(const char* line);
   ~EndOnRequest();
   EndOnRequest(const EndOnRequest&) = delete;

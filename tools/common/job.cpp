@@ -21,7 +21,7 @@ std::unique_ptr<Communicator>& job() {
   return ranks;
 }
 
-// Among the ranks of this machine.
+// Returns the rank among the ranks on this machine.
 std::size_t local_rank() {
   const std::vector<std::string> hosts = ranks().all_texts(host_name());
   const auto own = hosts.begin() + ranks().rank();
@@ -71,7 +71,7 @@ std::string device_of_rank(const std::string& request) {
   std::istringstream words(request);
   for (std::string word; std::getline(words, word, ',');) choices.push_back(word);
   if (choices.empty()) choices = cards();
-  const std::size_t local = local_rank();  // of all ranks, whatever each has to choose from
+  const std::size_t local = local_rank();  // counts all ranks, whatever devices each can choose from
   return choices.empty() ? request : choices[local % choices.size()];
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The job that this process is a rank of, where mpirun or srun started it (docs/cluster.md). The first rank
-// prints and writes; the others are silent but for their errors.
+// These functions join and leave the MPI job of which this process is a rank, if mpirun or srun started it
+// (docs/cluster.md). Only the first rank prints and writes; the others print nothing but errors.
 #pragma once
 
 #include <string>
@@ -9,22 +9,23 @@
 
 namespace ubs::tools {
 
-void join();  // before anything else is done; throws Error
+void join();  // must be called first; throws Error
 void leave();
-// alone() where the process was started by itself.
+// Returns alone() if the process was not started as part of a job.
 Communicator& ranks();
 
-// Whether it is so on any rank. All ranks ask.
+// Returns whether `here` is true on any rank. Must be called by all ranks.
 bool on_any_rank(bool here);
 
-// "rank 2: " in front of an error, "" on the first rank. Other ranks wait a moment first: an error that all
-// find is told by the first one, whose end ends them.
+// Returns the prefix of an error message: "rank 2: ", or "" on the first rank. Other ranks wait a moment
+// before they return. So if all ranks find the same error, only the first one reports it, because its exit
+// ends the others.
 std::string error_prefix();
-// Ends the job; returns `code` where there is none.
+// Ends the job. Returns `code` if there is no job.
 int end_with_error(int code);
 
-// What --device says for this rank: of a list with commas one after the other by the ranks of a machine;
-// where nothing is said the cards of the machine likewise.
+// Returns the device for this rank. If --device is a list with commas, the ranks of a machine take its
+// entries in turn. If it is empty, they take the GPUs of the machine in turn.
 std::string device_of_rank(const std::string& request);
 
 }  // namespace ubs::tools

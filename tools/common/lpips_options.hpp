@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options --lpips, --lpips-weights and --lpips-range of every command that measures images.
+// LpipsOptions has the options --lpips, --lpips-weights and --lpips-range of every command that measures
+// images.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -13,7 +14,8 @@ namespace ubs::tools {
 class LpipsOptions {
  public:
   explicit LpipsOptions(CLI::App& app);
-  // Nothing but SSIM without --lpips. Throws Error(usage) for unknown networks or missing weights.
+  // Returns a request for SSIM only if --lpips is not given. Throws Error(usage) for unknown networks or
+  // missing weights.
   LpipsRequest request() const;
   bool wanted() const { return !networks_.empty(); }
 

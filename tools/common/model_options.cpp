@@ -17,14 +17,15 @@
 namespace ubs::tools {
 namespace {
 
-// How a data set is opened, as a tuple of references.
+// The settings that determine how a data set is opened, as a tuple of references.
 constexpr auto reading_of = [](auto& s) {
   return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
 };
 
-// For a data folder that was given in place of a model: the run that 'ubs train' has put beside it.
+// If the user passed a data folder instead of a model: returns a hint that names the run that 'ubs train'
+// wrote next to the folder.
 std::string run_beside(std::filesystem::path folder) {
-  if (!folder.has_filename()) folder = folder.parent_path();  // a slash at the end
+  if (!folder.has_filename()) folder = folder.parent_path();  // after a trailing slash
   const std::filesystem::path run = folder.string() + "-ubs";
   if (!path_exists(RunFolder(run).model())) return "";
   return fmt::format("; did you mean {}, which was trained on it?", shell_word(run.string()));
@@ -98,7 +99,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
   if (!data.empty()) {
     try {
       if (!print || !trained_on(data)) return {};
-    } catch (const Error&) {  // other data; what is wrong with them is said where they are used
+    } catch (const Error&) {  // other data; the code that uses them reports what is wrong
       return {};
     }
     const TrainSettings usual;
@@ -114,7 +115,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
     why = "contains other cameras, names or images than the run was trained on";
     try {
       if (print && !trained_on(place)) continue;
-    } catch (const Error& error) {  // something else of this name; the run's may be at the next place
+    } catch (const Error& error) {  // not the run's data; these may be at the next place
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("cannot be used ({})", error.what());
       continue;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of commands that draw a model (host/api/model_session.hpp): what render, eval and gradients
-// have in common.
+// ModelOptions has the options that are common to all commands for rendering a model
+// (host/api/model_session.hpp), such as render, eval and gradients.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -16,15 +16,14 @@
 
 namespace ubs::tools {
 
-// Options --model (or the first argument), --data, --split, --device and the settings that decide how a model
-// is drawn.
+// The options --model (or the first argument), --data, --split, --device, and the settings for rendering.
 struct ModelOptions {
   ModelOptions(CLI::App& app, std::vector<std::string_view> keys);
 
   std::string model, data, split = "test", device;
   SettingsOptions settings;
   bool split_given() const { return split_option_->count() > 0; }
-  // The model, once the options have been found to make sense.
+  // Loads the model after checking the options.
   LoadedModel load() const;
 
  private:
@@ -37,26 +36,30 @@ inline constexpr const char* kRunDataHelp =
     "data folder or packed file [the data that the run was trained on]";
 inline constexpr const char* kModelHelp =
     "model of any format (docs/data.md), or output folder of 'ubs train'";
-// The model of a command: a file, or the output folder of a run for the model in it.
+// Adds the option for the model of a command. The user may pass a file, or the output folder of a run; then
+// the model in that folder is used.
 CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::string& model,
                               const std::string& help = kModelHelp);
 
-// The data that a run was trained on; empty if there is no run, or if it was trained on other data.
+// The data that a run was trained on. Empty if there is no run, or if it was trained on other data.
 struct RunData {
-  std::optional<TrainSettings> settings;  // of the run: how it read them (downscale, test_every, ...)
-  std::optional<OpenedData> opened;       // they were opened to compare them with those of the run
+  // Settings of the run, which tell how it read the data (downscale, test_every, ...).
+  std::optional<TrainSettings> settings;
+  // The opened data, if they had to be opened to compare them with those of the run.
+  std::optional<OpenedData> opened;
 };
 
 // Finds the data that the run of this model was trained on. If `data` is empty, it is set to their path.
-// Otherwise `data` may be the same data or a copy of them, and the result is empty if it is neither. Without
-// named data it throws Error(usage) for a model outside of a run's folder, and Error(data) if the data are
-// gone or have changed.
+// Otherwise `data` may name the same data or a copy; the result is empty for any other data. If `data` is
+// empty, throws Error(usage) for a model outside of a run folder, and Error(data) if the data are missing or
+// have changed.
 RunData use_run_data(const std::string& model, std::string& data);
 
-// `settings` read data as the run did, if there is one.
+// If there is a run, makes `settings` read the data as the run did.
 void read_as(TrainSettings& settings, const RunData& run);
 
-// As the model says that it wants to be drawn, unless `options` say otherwise, which goes to stderr.
+// Returns the settings for rendering that the model states, unless `options` override them. Deviations from
+// the model are printed to stderr.
 TrainSettings drawing_settings(const SettingsOptions& options, const LoadedModel& model,
                                const std::string& path, const RunData& run = {});
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What options that are numbers must lie in, in place of CLI11's checks: those print the largest double with
-// all its digits, and let NaN pass.
+// These functions make range checks for options that are numbers. They replace CLI11's checks, which print
+// the largest double with all its digits and accept NaN.
 #pragma once
 
 #include <fmt/format.h>
@@ -12,7 +12,7 @@
 
 namespace ubs::tools {
 
-// With both ends.
+// The range includes both ends.
 template <typename Number>
 CLI::Validator from_to(Number least, Number most) {
   constexpr bool kWhole = std::is_integral_v<Number>;

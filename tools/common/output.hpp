@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What several subcommands print (tools/common/streams.hpp), and the JSON pieces that they share. Numbers
-// that JSON cannot express (the infinite PSNR of an exact image) become null.
+// These functions print output and make JSON objects for several subcommands (see also
+// tools/common/streams.hpp). Numbers that JSON cannot express, such as the infinite PSNR of an exact image,
+// become null.
 #pragma once
 
 #include <fmt/format.h>
@@ -21,22 +22,23 @@
 namespace ubs::tools {
 
 void print_json(const Json& json);
-// Layout and notes of the loader on stdout, then what was skipped as warnings.
+// Prints layout and notes of the loader to stdout, then warns about everything that was skipped.
 void print_report(const LoadReport& report);
 std::string json_file_text(const Json& json);
 
 Json report_json(const LoadReport& report);
 Json device_json(const DeviceInfo& info);
 Json groups_json(const MixedModel& model);  // [{"dim": 6, "splats": 100}, ...]
-// {"0%": lowest, "5%", "25%", "50%", "75%", "95%", "100%"} by nearest rank; nulls without values.
+// Returns {"0%": minimum, "5%", "25%", "50%", "75%", "95%", "100%": maximum} by nearest rank; nulls if there
+// are no values.
 Json quantiles_json(std::vector<double> values);
-// Of ViewMetrics or FittedMetrics.
+// `Measured` is ViewMetrics or FittedMetrics.
 template <typename Measured>
 Json quality_json(const Measured& m) {
   return {{"psnr", m.psnr_channel_mean}, {"psnr_joint", m.psnr}, {"ssim", m.ssim}};
 }
 Json metrics_json(const Metrics& metrics);  // {"mean": {...}, "views": [...]}
-// "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120"
+// Returns a text such as "PSNR 31.42 dB (joint 31.20), SSIM 0.9612 (valid 0.9655), lpips_alex 0.03120".
 std::string metrics_text(const ViewMetrics& metrics);
 
 }  // namespace ubs::tools

@@ -18,7 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// True if `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts count.
+// Returns whether `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts
+// count.
 bool lies_in(const fs::path& inner, const fs::path& outer) {
   for (fs::path above = resolved_path(inner); above != above.parent_path();) {
     above = above.parent_path();
@@ -27,7 +28,7 @@ bool lies_in(const fs::path& inner, const fs::path& outer) {
   return false;
 }
 
-// Folders that loaders look into by their names, also if they are missing now (docs/data.md).
+// Returns whether loaders look into a folder of this name, even if it does not exist yet (docs/data.md).
 bool is_read_by_name(const std::string& name, const fs::path& root) {
   constexpr std::array kNames{"train", "test", "val", "masks", "sparse", "colmap"};
   return name.starts_with("images") || std::ranges::find(kNames, name) != kNames.end() ||
@@ -40,7 +41,8 @@ bool has_cameras(const fs::path& file) {
   return name.starts_with("transforms") || std::ranges::find(kNames, name) != kNames.end();
 }
 
-// True if data in `root` have cameras directly in the folder, or would look for something there.
+// Returns whether the folder directly contains cameras, or whether loaders of data in `root` would look into
+// it.
 bool is_data_folder(const fs::path& folder, const fs::path& root) {
   const fs::path below = resolved_path(folder).lexically_relative(resolved_path(root));
   if (!below.has_parent_path() && is_read_by_name(below.string(), root)) return true;

@@ -10,12 +10,13 @@
 namespace ubs::tools {
 namespace {
 
-constexpr int kCamerasAround = 12;  // of a model that names none
+// Number of cameras for a model that lists none.
+constexpr int kCamerasAround = 12;
 
 std::vector<Camera> cameras_around(const MixedModel& model, FrameHints hints) {
   const double fov = Pose{}.fov;
   const Canvas canvas;
-  hints.fov = fov * canvas.height / canvas.width;  // pictures are less high than wide
+  hints.fov = fov * canvas.height / canvas.width;  // images are wider than high
   const SceneFrame frame = scene_frame(model, {}, hints);
   const auto path = orbit_path(frame, fov, 1);
   std::vector<Camera> cameras;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cameras that pages about a model offer to their readers: those of ubs web, ubs view and
-// ubs train --serve.
+// page_views() returns the cameras that can be selected in pages that show a model: the pages of ubs web, ubs
+// view and ubs train --serve.
 #pragma once
 
 #include <optional>
@@ -12,12 +12,12 @@
 
 namespace ubs::tools {
 
-// Returns the views of the data that `options` name, else the cameras that the model names, else some around
-// it. `opened`: the data, where they were opened before.
+// Returns the views of the data that `options` name; without data, the cameras that the model lists; without
+// these, some cameras around the model. `opened`: the data, if they have been opened already.
 Split page_views(const ModelOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
                  const std::optional<OpenedData>& opened, const FrameHints& hints);
 
-// Returns what the server's page begins with. `path`, of the model or the run, gives the title.
+// Returns the initial state of the server's page. The title comes from `path`, that of the model or run.
 serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views,
                           const FrameHints& hints = {});
 

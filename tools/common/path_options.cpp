@@ -17,10 +17,10 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kDefaultFov = 50;  // degrees
 constexpr int kPicturesAround = 4;
-constexpr const char* kSuitable = "suitable";  // by the cameras; no user writes that
+constexpr const char* kSuitable = "suitable";  // internal: ubs chooses the path from the cameras
 constexpr int kMaxSize = 16384, kMaxFrames = 1000000;
 
-// The numbers between separators; empty when the text is anything else.
+// Returns the numbers in the text, which `separator` separates; empty if the text has any other form.
 template <typename Number>
 std::vector<Number> numbers(std::string_view text, char separator) {
   std::vector<Number> found;
@@ -182,7 +182,7 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
   return keyframe_path(std::move(file.poses), file.closed, file.has_time);
 }
 
-// The first and the last time, which may be one; empty where the model does not depend on time.
+// Returns the first and the last time, or a single time; empty if the model does not depend on time.
 std::vector<double> PathOptions::time_range(const MixedModel& model) const {
   if (!model.has_time()) {
     if (!time_.empty()) fail(ErrorKind::usage, "--time {}: the model does not depend on time", time_);

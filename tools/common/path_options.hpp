@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of a camera path, and the views along it: what `ubs render --path` draws in the place of the
-// views of a data folder.
+// PathOptions has the options of a camera path and returns the views along it. `ubs render --path` renders
+// these instead of the views of a data folder.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -14,15 +14,16 @@
 
 namespace ubs::tools {
 
-// "640x480". Throws Error(usage) for other texts and sizes outside 1 to 16384.
+// Parses a size such as "640x480". Throws Error(usage) for other texts and for sizes outside of 1 to 16384.
 ImageSize parse_size(const std::string& option, const std::string& text);
-// "1,-2.5,0", or an axis: "x", "-y". Throws Error(usage) otherwise.
+// Parses a vector such as "1,-2.5,0", or an axis: "x", "-y". Throws Error(usage) for other texts.
 Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
     "up direction of the scene: a vector, or an axis such as -y [mean of the cameras of the data, otherwise "
     "away from a floor, otherwise -y for third-party files and z for ubs files]";
-// What the format says about a scene: files of other tools have the y of their cameras, which points down.
+// Returns what the file format implies about a scene. In third-party files y has the direction of camera
+// axes, which point down.
 FrameHints frame_hints(const LoadedModel& model);
 
 class PathOptions {
@@ -30,25 +31,26 @@ class PathOptions {
   explicit PathOptions(CLI::App& app);
   PathOptions(const PathOptions&) = delete;
 
-  // For a model without data: a path that suits its cameras unless one is given, of few pictures unless their
-  // number is given.
+  // For a model without data: selects a path that suits the model's cameras, unless the user chose one. It
+  // has only a few images, unless the user chose their number or `video` is set.
   void look_around(bool video);
   bool wanted() const { return !path_.empty() || holds(); }
-  bool holds() const { return hold_ >= 0; }  // one view of the data, in the place of a path
-  // The fixed time, where --time gives one and there is no path. Throws Error(usage) for a range.
+  // The camera stays at one view of the data instead of following a path
+  bool holds() const { return hold_ >= 0; }
+  // Returns the fixed time if --time states one. Throws Error(usage) for a range.
   std::optional<double> single_time(const MixedModel& model) const;
   double fps() const { return fps_; }
-  // The size that was asked for.
+  // Returns the size that the user chose with --size.
   std::optional<ImageSize> size() const;
-  // Throws Error(usage) when one of the other options, but for --time, is given without --path (with --hold:
-  // but for --path-frames too). `sized`: --size has a use without a path.
+  // Throws Error(usage) if an option of paths is given without --path. --time is always allowed, --path-frames
+  // is allowed with --hold, and --size is allowed if `sized` is set.
   void check_unused(bool sized = false) const;
-  // Views frame_0000, ... in the coordinates of the model. `cameras`: of the data, may be empty. `even`: a
-  // size that was not asked for is rounded down to even numbers.
+  // Returns the views frame_0000, ... in the coordinates of the model. `cameras` are those of the data and
+  // may be empty. `even`: an image size that the user did not choose is rounded down to even numbers.
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
 
  private:
-  // Throws Error(usage) for an option that neither a walk nor keyframes use.
+  // Throws Error(usage) for options that only apply to orbits and spirals.
   void check_no_turn() const;
   Canvas canvas(std::span<const Camera> cameras, bool even) const;
   FrameHints hints(const LoadedModel& model, double fov) const;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A plan of a run for people and machines.
+// These functions convert the plan of a run to text and to JSON.
 #pragma once
 
 #include <string>

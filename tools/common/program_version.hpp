@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the executable says of itself beside host/base/version.hpp.
+// These functions return version information of the executable, in addition to host/base/version.hpp.
 #pragma once
 
 #include <string>
@@ -9,7 +9,8 @@
 
 namespace ubs::tools {
 
-std::string commit();  // of the sources at the last link, "-dirty" when changed; "unknown" without git
+// Commit of the sources at the last link, with "-dirty" if they were changed; "unknown" without git.
+std::string commit();
 std::string version_line(std::string_view program = "ubs");  // "ubs 0.2.0 (build ...)"
 
 }  // namespace ubs::tools

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress on stderr, of a training run or of anything that is counted: one line rewritten in place on a
-// terminal, elsewhere one line about every ten seconds of `time`, nothing when silent.
+// Progress prints the progress of a training run to stderr, CountProgress that of anything that is counted.
+// On a terminal they rewrite one line; otherwise they print a line about every ten seconds of `time`. If
+// `silent` is set, they print nothing.
 #pragma once
 
 #include <cstddef>
@@ -19,18 +20,18 @@ class Progress {
   Progress(const Progress&) = delete;
 
   void update(const StepReport& report);
-  void finish();  // closes the line
+  void finish();  // ends the line
 
  private:
   const TimeSource& time_;
   int iterations_;
   bool silent_, terminal_, line_open_ = false;
-  double shown_;            // when [s]
-  int rate_iteration_ = 0;  // where the rate was last taken
+  double shown_;            // time of the last output [s]
+  int rate_iteration_ = 0;  // iteration of the last rate measurement
   double rate_seconds_ = 0, rate_ = 0;
 };
 
-// "30/120 frames  12.5 per second  ETA 0:07".
+// Prints lines such as "30/120 frames  12.5 per second  ETA 0:07".
 class CountProgress {
  public:
   CountProgress(std::size_t total, std::string what, bool silent = false,
@@ -39,14 +40,14 @@ class CountProgress {
   CountProgress(const CountProgress&) = delete;
 
   void update(std::size_t done);
-  void finish();  // closes the line
+  void finish();  // ends the line
 
  private:
   const TimeSource& time_;
   std::size_t total_;
   std::string what_;
   bool silent_, terminal_, line_open_ = false;
-  double start_, shown_;  // when [s]
+  double start_, shown_;  // times of the start and of the last output [s]
 };
 
 }  // namespace ubs::tools

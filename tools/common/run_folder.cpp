@@ -33,14 +33,14 @@ namespace fs = std::filesystem;
 constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
 constexpr const char* kConfigHeader = "# Settings of this run; `ubs train --spec` of this file repeats it.\n";
 
-// Of a log with its header; empty where there is no whole row.
+// Returns the first row of a log after its header; empty if there is no complete row.
 std::string first_row_of(const std::string& log) {
   const std::size_t header = log.find('\n');
   const std::size_t end = header == std::string::npos ? header : log.find('\n', header + 1);
   return end == std::string::npos ? "" : log.substr(header + 1, end - header - 1);
 }
 
-// Evenly spaced views, at most `count`; -1: all.
+// Returns the indices of at most `count` evenly spaced views; -1: all views.
 std::vector<std::size_t> rendered_views(const Split& split, int count) {
   const std::size_t views = split.views.size();
   const std::size_t wanted = count < 0 ? views : std::min(views, static_cast<std::size_t>(count));
@@ -49,7 +49,7 @@ std::vector<std::size_t> rendered_views(const Split& split, int count) {
   return chosen;
 }
 
-// Two images of the same height next to each other.
+// Returns an image that shows two images of the same height next to each other.
 Image8 side_by_side(const Image8& left, const Image8& right) {
   Image8 both{left.width + right.width, left.height, {}};
   both.rgb.resize(left.rgb.size() + right.rgb.size());
@@ -98,7 +98,7 @@ void RunFolder::check_apart_from(const Split& views) const {
   for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart_from_images(folder, views);
 }
 
-// The renders that the metrics.json of an earlier run lists.
+// Removes the renders that the metrics.json of an earlier run lists.
 void RunFolder::remove_renders() const {
   if (!path_exists(metrics())) return;
   const Json json = Json::parse(read_text_file(metrics()), nullptr, false);
@@ -116,7 +116,7 @@ void RunFolder::begin(TrainSettings settings) {
   remove_renders();
   for (const fs::path& file : files())
     if (path_exists(file)) remove_path(file);
-  for (const fs::path& folder : {renders(), cameras()}) ::rmdir(folder.c_str());  // if nothing is left there
+  for (const fs::path& folder : {renders(), cameras()}) ::rmdir(folder.c_str());  // only if they are empty
   make_folders(folder_);
   write_config(settings);
   start_log(std::string(kLogHeader) + '\n');
@@ -126,7 +126,8 @@ void RunFolder::write_config(TrainSettings settings) {
   write_file_atomically(config_file(), kConfigHeader + to_yaml(bind_fields(settings, train_fields())));
 }
 
-// Rows behind the checkpoint are made again, and so is a last one that is not whole.
+// Removes an incomplete last row, and the rows after the checkpoint, because the continued run writes them
+// again.
 void RunFolder::resume(TrainSettings settings, int iteration) {
   if (!writes_) return;
   write_config(settings);
@@ -152,7 +153,7 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
   };
   if (path_exists(log_file())) {
     const std::string row = first_row_of(read_text_file(log_file()));
-    // A row behind the checkpoint is one that the run made after it.
+    // If the first row is of a later iteration than the checkpoint, the same run wrote it afterwards.
     if (!row.empty() && row != checkpoint.first_row &&
         (!checkpoint.first_row.empty() || std::atoi(row.c_str()) <= checkpoint.state.iteration))
       refuse(log_file(), fmt::format("whose first row is '{}', not '{}'", row, checkpoint.first_row));
@@ -161,7 +162,8 @@ void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
   TrainSettings config;
   try {
     load_yaml(bind_fields(config, train_fields()), config_file());
-    if (checkpoint.budget.seconds > 0) {  // they change on the way, and config.yaml is written first
+    // These settings change during the run, and config.yaml is written before the checkpoint.
+    if (checkpoint.budget.seconds > 0) {
       config.iterations = checkpoint.settings.iterations;
       config.work_shares = checkpoint.settings.work_shares;
       config.growth_end = checkpoint.settings.growth_end;
@@ -188,7 +190,7 @@ void RunFolder::log(const StepReport& report) {
       report.test ? fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim)
                   : ",");
   rows_ += row;
-  if (log_ < 0) return;  // rows are missing in the file: sync_log() writes all of them
+  if (log_ < 0) return;  // the file lacks rows: sync_log() writes all of them
   for (std::size_t done = 0; done < row.size();) {
     const auto bytes = uninterrupted([&] { return ::write(log_, row.data() + done, row.size() - done); });
     if (bytes >= 0) {
@@ -225,7 +227,7 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
   if (finished) {
     refined = trainer.cameras().learnt();
     held_out = trainer.cameras().held_out();
-  } else {  // nobody waits for fits
+  } else {  // an interrupted run does not compute deviations
     for (const Camera& camera : trainer.cameras().train()) refined.push_back({camera, {NAN, NAN}});
   }
   for (std::vector<FittedCamera>* cameras : {&refined, &held_out})

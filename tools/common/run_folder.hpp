@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The output folder of a training run: config.yaml, log.csv and checkpoint.ubs while it runs, then model.ply,
-// metrics.json, renders/, and cameras/ of a run that refines them. Files other than the log appear whole or
-// not at all. With --overwrite a run replaces files of these names, and removes the renders that the
-// metrics.json of an earlier run lists; it touches nothing else.
+// RunFolder is the output folder of a training run. During the run it contains config.yaml, log.csv and
+// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/; if the run refines
+// cameras, cameras/ as well. All files except the log are written atomically. With --overwrite, a run
+// replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
+// does not touch other files.
 #pragma once
 
 #include <filesystem>
@@ -20,7 +21,7 @@ namespace ubs::tools {
 
 class RunFolder {
  public:
-  // `writes`: false for all ranks of a job but the first. They call the same, and leave nothing.
+  // `writes`: false for all ranks of a job except the first. They make the same calls, but write nothing.
   explicit RunFolder(std::filesystem::path folder, bool writes = true)
       : folder_(std::move(folder)), writes_(writes) {}
   bool writes() const { return writes_; }
@@ -29,38 +30,39 @@ class RunFolder {
   RunFolder& operator=(const RunFolder&) = delete;
   ~RunFolder();
 
-  // Before anything is written. They throw Error(usage) if a file that the run would write exists and
-  // `overwrite` is false, or if images of the views are in the folder; Error(data) if such a file is not an
-  // ordinary one.
+  // These checks are made before anything is written. They throw Error(usage) if a file that the run would
+  // write exists and `overwrite` is false, or if images of the views are in the folder; they throw
+  // Error(data) if such a file is not an ordinary file.
   void check_files(bool overwrite) const;
   void check_renders(const Split& split, int count, bool overwrite) const;
   void check_apart_from(const Split& views) const;
-  // Makes the folder, removes what an earlier run left, writes config.yaml and starts log.csv.
+  // Creates the folder, removes the files of an earlier run, writes config.yaml and starts log.csv.
   void begin(TrainSettings settings);
-  void write_config(TrainSettings settings);  // in the place of the one that is there
-  // Instead of begin(), with the checkpoint read: log.csv keeps its rows up to `iteration` and is continued.
+  void write_config(TrainSettings settings);  // replaces the existing one
+  // Called instead of begin() after reading the checkpoint: keeps the rows of log.csv up to `iteration` and
+  // continues it.
   void resume(TrainSettings settings, int iteration);
-  // Adds a row to log.csv. A row that cannot be written is a warning, once; it is kept for sync_log().
+  // Adds a row to log.csv. If writing fails, warns once and keeps the rows for sync_log().
   void log(const StepReport& report);
-  // The first row of log.csv; empty before there is one.
+  // Returns the first row of log.csv; empty if there is none yet.
   std::string first_row() const;
-  // Throws Error(data) where config.yaml or log.csv of the folder are those of another run than the
-  // checkpoint.
+  // Throws Error(data) if config.yaml or log.csv in the folder belong to another run than the checkpoint.
   void check_same_run(const Checkpoint& checkpoint) const;
-  // Rows so far are on the disk. Throws Error(data) if some cannot be written.
+  // Ensures that all rows so far are on the disk. Throws Error(data) if some cannot be written.
   void sync_log();
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
   void save_metrics(const Json& metrics);
-  // Of a run that refines cameras; nothing of others. Of one that is not finished those of the training
-  // views, without deviations. `unit`: of the training, in the data.
+  // Writes the cameras of a run that refines them; does nothing for other runs. For a run that is not
+  // finished, writes only those of the training views, without deviations. `unit` is the length in the data
+  // that counts as 1 in training.
   void save_cameras(Trainer& trainer, const Split& train, const Split& test,
                     const std::array<double, 3>& offset, double unit, bool finished);
-  // Names of the files in renders() that save_renders() writes.
+  // Returns the names of the files that save_renders() writes to renders().
   static std::vector<std::string> render_names(const Split& split, int count);
-  // Ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's renderer.
-  // What cannot be written is tried once more after the others. Throws Error.
+  // Writes ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's
+  // renderer. If writing an image fails, tries it again after the others, then throws Error.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
-  // The last thing that a run does: as long as there is a checkpoint its end can be had again.
+  // Called as the last step of a run: while there is a checkpoint, the end of the run can be repeated.
   void remove_checkpoint();
 
   const std::filesystem::path& path() const { return folder_; }
@@ -79,8 +81,9 @@ class RunFolder {
 
   std::filesystem::path folder_;
   bool writes_;
-  std::string rows_;  // of log.csv, all of them
-  int log_ = -1;      // log.csv, open for appending; -1 if some rows are missing there
+  std::string rows_;  // all rows of log.csv
+  // log.csv, open for appending; -1 if the file lacks some rows.
+  int log_ = -1;
   bool warned_ = false;
 };
 

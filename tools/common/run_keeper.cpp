@@ -34,8 +34,9 @@ bool RunKeeper::save(const TrainState& state, const TrainSettings& settings) {
   run_.first_row = folder_.first_row();
   try {
     if (folder_.writes())
-      folder_.sync_log();   // the rows up to here, which a continued run does not make again
-  } catch (const Error&) {  // there was a warning when the row could not be written
+      // A resumed run does not write the rows up to here again.
+      folder_.sync_log();
+  } catch (const Error&) {  // a warning was printed when writing the row failed
   }
   try {
     if (run_.budget.seconds > 0 && folder_.writes()) folder_.write_config(settings);

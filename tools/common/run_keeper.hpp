@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps a training run on disk: its checkpoints.
+// RunKeeper writes the checkpoints of a training run to disk.
 #pragma once
 
 #include <filesystem>
@@ -9,21 +9,21 @@
 
 namespace ubs::tools {
 
-// The checkpoint in the folder of a run that was not finished. Throws Error(usage) when the run is finished,
-// Error(data) when there is no checkpoint, it cannot be read, or it is that of another run.
+// Opens the checkpoint in the folder of an unfinished run. Throws Error(usage) if the run is finished. Throws
+// Error(data) if there is no checkpoint, if it cannot be read, or if it belongs to another run.
 Checkpoint open_checkpoint(const std::filesystem::path& folder);
 
 class RunKeeper {
  public:
-  // `run`: all of the checkpoint but its state. `saved`: iteration of the checkpoint that is there, or -1.
+  // `run`: the checkpoint without its state. `saved`: iteration of the existing checkpoint, or -1.
   RunKeeper(RunFolder& folder, Checkpoint run, int saved);
 
-  // All ranks, each with its part. A checkpoint that cannot be written (disk full) is a warning: training
-  // goes on, the one before stays, and the next one is tried when its time comes. Returns whether it was
-  // written.
-  // `settings`: of the run, as a time budget has them by now.
+  // Writes a checkpoint. Must be called by all ranks; each writes its part. If writing fails (disk full),
+  // warns: training continues, the previous checkpoint is kept, and the next one is tried at its regular
+  // time. Returns whether the checkpoint was written.
+  // `settings`: those of the run, including changes by a time budget.
   bool save(const TrainState& state, const TrainSettings& settings);
-  // Iteration of the last checkpoint; -1: none yet.
+  // Returns the iteration of the last checkpoint; -1 if there is none yet.
   int saved_iteration() const { return saved_; }
 
  private:

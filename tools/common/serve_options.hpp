@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --serve [PORT] and --serve-host of `ubs train`, which show the training in a browser (docs/web.md).
+// ServeOptions has the options --serve [PORT] and --serve-host of `ubs train`, which show the training in a
+// browser (docs/web.md).
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -16,7 +17,7 @@ class ServeOptions {
   ServeOptions(const ServeOptions&) = delete;
 
   CLI::Option& option() const { return *option_; }
-  // Takes the port and prints the address; null where nobody asked for it.
+  // Opens the port and prints the address. Returns null if --serve was not given.
   std::unique_ptr<serve::Server> open() const;
 
  private:

@@ -21,7 +21,7 @@ std::string option_name(std::string key) {
 
 std::string type_word(const FieldValue& field) {
   constexpr auto kWords = std::to_array<const char*>(
-      {"INT", "INT", "NUMBER", "", "TEXT", "R,G,B", "FIRST:END:STEP", ""});  // by variant index
+      {"INT", "INT", "NUMBER", "", "TEXT", "R,G,B", "FIRST:END:STEP", ""});  // by index of the variant
   static_assert(kWords.size() == std::variant_size_v<FieldValue::Pointer>);
   return field.choices ? field.choices : kWords[field.value.index()];
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Options that fill TrainSettings: one for each field of its table, made from the table, and --spec and
-// --set for the same fields. Later wins: defaults < --spec files < --set < explicit options.
+// SettingsOptions has the options that fill TrainSettings: one option for each field in its table, and --spec
+// and --set, which can set any of these fields. Later ones override earlier ones in this order: defaults,
+// --spec files, --set, explicit options.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -13,22 +14,23 @@
 
 namespace ubs::tools {
 
-// Of --dim where it is chosen by the data unless somebody says otherwise.
+// Help of --dim for commands in which the data determine N by default.
 inline constexpr const char* kAutoDimHelp =
     "dimensions N of a splat: 3, 4 (+ time), 6 (+ view direction), 7 (+ both), more: query values; auto: "
     "chosen from what differs between the training views [auto]";
 
 class SettingsOptions {
  public:
-  // `keys` limits options and --set to these fields (empty: all); --spec always takes all, so that the
-  // config.yaml of a training run tells render, eval and gradients how the model wants to be drawn.
+  // `keys` limits options and --set to these fields (empty: all). --spec always accepts all fields, so that
+  // render, eval and gradients can read the rendering settings from the config.yaml of a training run.
   explicit SettingsOptions(CLI::App& app, std::vector<std::string_view> keys = {});
   SettingsOptions(const SettingsOptions&) = delete;
 
-  // All of them are refused without `flag`.
+  // Requires `flag` for all these options.
   void need(CLI::App& app, CLI::Option* flag);
-  TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base`: in place of the defaults
-  // From now on these fields alone. Throws Error(usage) for others that are given: "--OPTION `why`".
+  TrainSettings resolve(TrainSettings base = {}) const;  // validated; `base` replaces the defaults
+  // Allows only these fields from now on. Throws Error(usage) with the text "--OPTION `why`" if another one
+  // was given.
   void limit(std::vector<std::string_view> keys, std::string_view why);
 
  private:
@@ -39,11 +41,11 @@ class SettingsOptions {
   bool offered(std::string_view key) const;
 
   std::vector<std::string_view> keys_;
-  std::deque<Entry> entries_;  // the parser keeps references to their texts
+  std::deque<Entry> entries_;  // the parser keeps references to the texts
   std::vector<std::string> specs_, assignments_;
 };
 
-// The fields that decide how a finished model is drawn and compared.
+// Returns the fields that determine how a finished model is rendered and compared.
 std::vector<std::string_view> drawing_keys();
 
 }  // namespace ubs::tools

@@ -18,10 +18,10 @@ namespace {
 bool files_first = false, silent = false;
 int failure = 0;  // errno of the first write to stdout that failed
 
-// A pipe without readers; EIO is a terminal that was closed.
+// Returns whether stdout is a pipe without readers, or a closed terminal (EIO).
 bool reader_gone() { return failure == EPIPE || failure == EIO; }
 
-// stdio forgets why it failed: the command line's help is printed by its library.
+// Finds the reason of an earlier failure. stdio does not keep it, and CLI11 prints the help text itself.
 int reason_of_old_failure() {
   pollfd out{STDOUT_FILENO, POLLOUT, 0};
   return ::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0 ? EPIPE : ENOSPC;
@@ -39,7 +39,7 @@ void failed(int reason) {
 void prepare_streams() {
   for (int number = STDIN_FILENO; number <= STDERR_FILENO; ++number)
     if (::fcntl(number, F_GETFD) < 0 && errno == EBADF)
-      ::open("/dev/null", O_RDWR);  // the lowest free number
+      ::open("/dev/null", O_RDWR);  // opens the lowest free number
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
 }

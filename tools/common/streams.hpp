@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Standard output and error of the subcommands: results go to stdout, remarks to stderr. What a remark cannot
-// be written to is no reason to stop. What a result cannot be written to is an error (exit code 3), also
-// where the system notices it at the end only. A reader that went away (`ubs info M.ply | head -1`) ends a
-// command that prints, without a word; a command that writes files goes on, and its output is dropped.
+// These functions write to standard output and standard error for the subcommands. Results go to stdout,
+// remarks to stderr. If a remark cannot be written, the command continues. If a result cannot be written,
+// this is an error (exit code 3), even if the system reports it only at the end. If the reader of a pipe has
+// gone away (`ubs info M.ply | head -1`), a command that only prints ends without a message; a command that
+// writes files continues, and its output is discarded.
 #pragma once
 
 #include <fmt/format.h>
@@ -13,28 +14,30 @@
 
 namespace ubs::tools {
 
-// First thing in main(), before any file is opened: the null device where 0, 1 or 2 are closed, so that no
-// file gets their numbers. Writing to a closed pipe, or beyond the largest size of a file (ulimit -f),
-// becomes an error of the call instead of the end of the process.
+// Must be the first call in main(), before any file is opened. Opens the null device for 0, 1 and 2 if they
+// are closed, so that no other file gets these numbers. Writing to a closed pipe, or beyond the maximum file
+// size (ulimit -f), becomes an error of the call instead of ending the process.
 void prepare_streams();
 
-// For commands whose product are files, before their first output: what cannot be printed does not stop them.
+// For commands whose results are files. Such a command calls this function before its first output; after
+// that, the command goes on if its printed output cannot be written.
 void files_before_output();
 
-// Nothing goes to stdout from now on.
+// Discards all further output to stdout.
 void silence_out();
 
-// Thrown by print_out() when nobody reads; no error for the user to see.
+// Thrown by print_out() if stdout has no reader. The user gets no error message.
 struct ReaderGone {};
 
-// To stdout. Throws Error(data) or ReaderGone unless files_before_output() was called.
+// Prints to stdout. Throws Error(data) or ReaderGone unless files_before_output() was called.
 void print_out(std::string_view text);
-// To stderr. Never fails.
+// Prints to stderr. Never fails.
 void print_err(std::string_view text) noexcept;
 void flush_out();
 
-// The exit code of a command that wants to end with `code`: where stdout was not written whole, 3 instead of
-// 0, and `complaint` is what to say about it (empty: nothing). To be called once, at the end of main().
+// Returns the exit code of a command that wants to end with `code`: if stdout was not written completely, 3
+// instead of 0. Sets `complaint` to the error message (empty: none). Must be called once, at the end of
+// main().
 int finish_streams(int code, std::string& complaint);
 
 template <typename... Args>

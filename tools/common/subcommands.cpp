@@ -31,13 +31,13 @@ constexpr const char* kEnvironment =
     "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
     "UBS_CHECK=off (take devices that were not checked, or failed: docs/check.md).";
 
-const Program* running = nullptr;  // set once, by run_program()
+const Program* running = nullptr;  // set once by run_program()
 
 int report(std::string message, int code) {
   std::replace(message.begin(), message.end(), '\n', ' ');
   message = fmt::format("{}: error: {}{}\n", running->name, error_prefix(),
-                        encode_text(message));  // names may hold anything
-  std::cerr << message << std::flush;           // in one piece: other ranks have the same stderr
+                        encode_text(message));  // names may contain any bytes
+  std::cerr << message << std::flush;           // in one write, because other ranks share stderr
   return end_with_error(code);
 }
 
@@ -54,14 +54,15 @@ int report_parse_error(const CLI::ParseError& error, const CLI::App& root,
                 code);
 }
 
-// "help" and "help train" are "--help" and "train --help".
+// Converts "help" and "help train" to "--help" and "train --help".
 std::vector<std::string> words_of_help(std::vector<std::string> arguments) {
   arguments.erase(arguments.begin());
   arguments.emplace_back("--help");
   return arguments;
 }
 
-// Others would do, and write, everything as often as there are ranks.
+// Throws if several ranks run a command that does not support this: each rank would do all its work and write
+// all its files.
 void check_ranks(const CLI::App& command, const CommandEntry& entry) {
   if (ranks().size() > 1 && !entry.runs_on_ranks)
     fail(ErrorKind::usage, "'{}' runs in one process only: start it without mpirun", full_name(command));
@@ -79,7 +80,8 @@ int run(int argc, char** argv) {
     commands.push_back(entry.add(root));
     explain_command(root, commands.back(), entry);
   }
-  // An option takes one word, a list its commas: what comes behind it is a folder or a model.
+  // Each option takes one word, in which commas separate the items of a list. So the words after it are
+  // folders or models.
   for (const Command& command : commands)
     for (CLI::Option* option : command.app->get_options()) {
       if (option->get_positional()) continue;
@@ -126,19 +128,20 @@ int run_reporting_errors(int argc, char** argv) {
 }
 
 void log_to_stderr(LogLevel level, const std::string& text) {
-  if (!ranks().first()) return;  // the first one says the same
+  if (!ranks().first()) return;  // the first rank logs the same
   if (level == LogLevel::warning)
     remark("{}: warning: {}\n", running->name, encode_text(text));
   else if (isatty(STDERR_FILENO) == 1)
     remark("{}: {}\n", running->name, encode_text(text));
 }
 
-// Only the executable changes the environment: the library may run in a process that others share. What the
-// user has set stays.
+// Only the executable changes the environment, because the library may run in a process with other code.
+// Variables that the user has set are kept.
 void prepare_environment() {
   setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);  // OpenCV's EXR decoder is disabled by default
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);   // encoders write to stderr; ubs reports their errors itself
-  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",      // a second barrier beside that of host/data/video.cpp
+  // A second protection in addition to that of host/data/video.cpp.
+  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
          "format_whitelist;avi,matroska,mov,mpegts,webm|protocol_whitelist;file", 0);
   keep_driver_caches([](const char* name, const char* value) { setenv(name, value, 1); });
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab accuracy: one table of errors against float64 beside times, for forms of the kernels on scenes and
-// devices.
+// ubs-lab accuracy: writes a table of errors against float64 together with times, for variants of the kernels
+// on scenes and devices.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -42,7 +42,7 @@ struct AccuracyOptions {
   bool quick = false, quiet = false, overwrite = false;
 };
 
-// Of a configuration measure() asks for the form of the method and these.
+// measure() only uses the variant of a configuration and these settings.
 void check_measured(const Configuration& c) {
   constexpr std::string_view kMeasured[] = {"math",         "alpha_min",  "raster",    "query_grad",
                                             "lambda_dssim", "near_plane", "far_plane", "eps2d"};
@@ -59,7 +59,7 @@ void check_measured(const Configuration& c) {
     }
 }
 
-// The default comes first in any case, to compare the others with.
+// The default configuration always comes first, because the others are compared with it.
 std::vector<Configuration> configurations(const AccuracyOptions& options) {
   std::vector<Configuration> all;
   for (const std::string& text : options.configurations) {
@@ -116,7 +116,7 @@ std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& devi
   return scenes;
 }
 
-// Devices of one name are told apart by their place in --device.
+// Devices with the same name are distinguished by their position in --device.
 std::string label_of(const std::vector<std::shared_ptr<Device>>& devices, std::size_t i) {
   const std::string& name = devices[i]->info().name;
   const auto same = std::ranges::count_if(devices, [&](const auto& d) { return d->info().name == name; });
@@ -135,7 +135,7 @@ void write_results(const AccuracyOptions& options, const std::vector<Result>& re
 
 int run(const AccuracyOptions& options) {
   files_before_output();
-  options.settings.resolve();  // what is wrong with them is said before scenes are made
+  options.settings.resolve();  // reports invalid settings before scenes are made
   accuracy::MeasureOptions measure_options{.configurations = configurations(options),
                                            .rounds = options.rounds,
                                            .sample_ms = options.quick ? 1.0 : 10.0,
@@ -210,7 +210,7 @@ Command add_accuracy(CLI::App& root) {
       ->check(from_to(1, 100'000))
       ->type_name("COUNT");
   app->add_option("--dim", options->dim, "N of embedded scenes; orbit has one more than 3 or 6 [6]")
-      ->check(CLI::IsMember({3, 4, 6, 7}))  // they have no further query values
+      ->check(CLI::IsMember({3, 4, 6, 7}))  // built-in scenes have no further query values
       ->type_name("N");
   app->add_option("--rounds", options->rounds, "of timing [9]")
       ->check(from_to(1, 10'000))
@@ -218,7 +218,7 @@ Command add_accuracy(CLI::App& root) {
   app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   add_overwrite_option(*app, options->overwrite);
-  // What a model has, and what embedded scenes have, of which a model alone has none.
+  // Options that only apply to a model, and options that only apply to built-in scenes.
   app->get_option("--split")->needs("--model");
   return {app, [app, options] {
             for (const char* name : {"--splats", "--size", "--iterations", "--dim"})

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab bench: times every stage, whole iterations and rendering on one or several devices, as a table and
-// as JSON, and compares with an earlier run.
+// ubs-lab bench: times every stage, whole iterations and rendering on one or several devices. Prints a table,
+// writes JSON, and compares with an earlier run.
 #include <CLI/CLI.hpp>
 #include <memory>
 
@@ -34,7 +34,7 @@ struct BenchOptions {
   std::string regex, garden, model, data, json, baseline, raster = "auto";
   std::vector<std::string> devices, sizes, assignments;
   int dim = 6;
-  RunData run;  // of the model
+  RunData run;  // data of the model's run
   bool list = false, quick = false, overwrite = false;
   double min_time = 0.3, max_time = 2, uncertainty = 0.01;
 };
@@ -127,7 +127,7 @@ int run(BenchOptions& options) {
   const std::vector<std::string> devices =
       options.devices.empty() ? std::vector<std::string>{""} : options.devices;
   const std::vector<DeviceInfo> known = list_devices();
-  for (const std::string& device : devices) choose_device(known, device);  // before the first is measured
+  for (const std::string& device : devices) choose_device(known, device);  // check all names before measuring
   const InterruptGuard guard;
   run.stop = [&] { return guard.interrupted(); };
   for (const std::string& device : devices)
@@ -141,7 +141,7 @@ int run(BenchOptions& options) {
   if (options.baseline.empty()) return code;
   const std::vector<bench::Comparison> comparisons = compare(reports, baseline);
   if (comparisons.empty() && code != 0) return code;
-  if (comparisons.empty())  // must not pass for a success
+  if (comparisons.empty())  // this must not look like a success
     fail(ErrorKind::data, "{}: no case of this run is in it, so nothing was compared", options.baseline);
   say("\n{}", comparison_text(comparisons));
   const auto slower = std::ranges::count_if(comparisons, &bench::Comparison::regression);

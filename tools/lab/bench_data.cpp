@@ -8,7 +8,8 @@
 namespace ubs::tools {
 namespace {
 
-constexpr std::size_t kMaxViews = 32;  // of a model: enough for a mean, and all in memory
+// Maximum number of views of a model: enough for a mean, and all fit into memory.
+constexpr std::size_t kMaxViews = 32;
 
 Split shown_views(Dataset& data) {
   const Split* test = data.find("test");

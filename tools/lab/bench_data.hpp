@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs-lab bench` measures of the user's own: a model seen by the cameras of a data set of any layout.
+// Opens a model and a data set of any layout for `ubs-lab bench`, which then measures the model as seen by
+// the cameras of the data.
 #pragma once
 
 #include <string>
@@ -11,11 +12,11 @@
 
 namespace ubs::tools {
 
-// Splats of the model, size of the first view that open_bench_model() will show.
+// Returns the number of splats of the model and the size of the first view that open_bench_model() will show.
 bench::SceneSize bench_model_size(const std::string& model, const std::string& data,
                                   const TrainSettings& settings, const std::optional<OpenedData>& opened);
-// The first test views (where there are none, training views), with their images, in the coordinates of the
-// model.
+// Returns the model with the first test views (training views if there are none), with their images, in the
+// coordinates of the model.
 bench::BenchScene open_bench_model(const std::string& model, const std::string& data,
                                    const TrainSettings& settings, const std::optional<OpenedData>& opened);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab compare: the same model and view on several devices: do they agree, and how fast is each. With
-// --train-iterations also a short training on each.
+// ubs-lab compare: renders the same model and view on several devices, to compare results and speed. With
+// --train-iterations it also runs a short training on each.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -46,7 +46,7 @@ struct Inputs {
   std::vector<float> target;  // planar
 };
 
-// What is compared, of one device.
+// The results of one device that are compared.
 struct Result {
   std::vector<float> image;
   SplatModel gradient;
@@ -58,7 +58,7 @@ double milliseconds(const std::function<void()>& action) {
   return watch.milliseconds();
 }
 
-// Forward and backward of one view with everything that a training iteration does up to the gradient.
+// Runs forward and backward of one view, with everything that a training iteration does up to the gradient.
 class ViewRun {
  public:
   ViewRun(ModelSession& session, const Inputs& in, std::uint32_t view)
@@ -165,18 +165,18 @@ TrainingResult train_on(Device& device, const CompareOptions& options, TrainSett
 }
 
 struct Request {
-  std::string device, raster;  // raster: empty where none is asked for
+  std::string device, raster;  // raster: empty if none is requested
 };
 
-// "NAME@cpu", "NAME@gpu" and "NAME@auto" choose the rasteriser. Names of devices hold '@' too ("... CPU
-// @ 3.60GHz").
+// Parses a request. "NAME@cpu", "NAME@gpu" and "NAME@auto" choose the rasteriser. Names of devices may also
+// contain '@' ("... CPU @ 3.60GHz").
 Request parse_request(const std::string& text) {
   for (const std::string raster : {"cpu", "gpu", "auto"})
     if (text.ends_with("@" + raster)) return {text.substr(0, text.size() - raster.size() - 1), raster};
   return {text, ""};
 }
 
-// All that were asked for are there, before the first one is measured.
+// Checks that all requested devices exist before the first one is measured.
 void check_devices(const std::vector<std::string>& requests) {
   const std::vector<DeviceInfo> known = list_devices();
   for (const std::string& request : requests) {
@@ -194,7 +194,7 @@ Comparison compare_one(const CompareOptions& options, const Inputs& in, const st
   Comparison row;
   row.request = request;
   {
-    // Not proved: how a faulty device differs is what is asked for.
+    // The device is not verified, because this command should also show how a faulty device differs.
     ModelSession session(open_device(parsed.device), in.model, settings, false, true);
     session.renderer().set_cameras(cameras_of(in.split));
     row.device = session.device().info();

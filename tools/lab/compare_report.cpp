@@ -9,7 +9,7 @@
 namespace ubs::tools {
 namespace {
 
-// Every number of a row under its name, in the order of the page.
+// Returns all numbers of a row with their names, in the order of the page.
 std::vector<std::pair<std::string, double>> quantities(const Comparison& row) {
   std::vector<std::pair<std::string, double>> list{
       {"image_max_difference", row.image_max}, {"image_difference_psnr", row.image_psnr}, {"loss", row.loss}};

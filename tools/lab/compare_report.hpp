@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs-lab compare` measures of one device, and its forms: table, JSON, CSV, page.
+// Comparison holds what `ubs-lab compare` measures on one device. Functions format the results as table,
+// JSON, CSV and page.
 #pragma once
 
 #include <map>
@@ -15,7 +16,7 @@ namespace ubs::tools {
 
 struct ComparedStage {
   std::string name;
-  double calls = 0, ms = 0;  // of one forward and backward
+  double calls = 0, ms = 0;  // for one forward and backward
 };
 
 struct TrainingResult {
@@ -29,15 +30,16 @@ struct TrainingResult {
   std::vector<std::pair<std::string, Spread>> parameters;  // by group
 };
 
-// Differences are against the first device.
+// All differences are relative to the first device.
 struct Comparison {
   std::string request;
   DeviceInfo device;
   std::string raster;
-  double image_max = 0, image_psnr = 0;  // largest difference of a value, and as PSNR of the difference [dB]
+  // Maximum difference of a value, and the difference as PSNR [dB].
+  double image_max = 0, image_psnr = 0;
   double loss = 0;
   std::vector<std::pair<std::string, double>> gradient;  // relative 2-norm of the difference, by group
-  double forward_ms = 0, iteration_ms = 0;               // wall, medians
+  double forward_ms = 0, iteration_ms = 0;               // wall time, medians
   std::vector<ComparedStage> stages;
   std::uint64_t peak_bytes = 0;
   std::optional<TrainingResult> training;
@@ -48,7 +50,7 @@ struct Comparison {
 std::string table_text(const std::vector<Comparison>& rows);
 Json comparison_json(const std::vector<Comparison>& rows);
 std::string comparison_csv(const std::vector<Comparison>& rows);  // device,quantity,value
-// Markdown, readable as it is.
+// Returns the results as a page in Markdown.
 std::string comparison_page(const std::vector<Comparison>& rows, const std::string& title);
 
 }  // namespace ubs::tools

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab gradients: the loss of one view and its gradient with respect to every raw parameter, written in
-// the layout of the model file. Without regularisers; for checking us against another implementation.
+// ubs-lab gradients: computes the loss of one view and its gradient with respect to every raw parameter, and
+// writes the gradient in the layout of the model file. The loss has no regularisers. Used to compare ubs with
+// other implementations.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -34,7 +35,8 @@ struct GradientsOptions : ModelOptions {
   bool json = false, cameras = false, overwrite = false;
 };
 
-// (3, H, W) from the .npy file of shape (H, W, 3), or from the view's image, which may bring a mask.
+// Returns the target as (3, H, W). It comes from the .npy file of shape (H, W, 3), or from the view's image,
+// which may have a mask.
 std::vector<float> planar_target(const GradientsOptions& options, const View& view,
                                  std::vector<std::uint8_t>& mask) {
   const std::size_t height = static_cast<std::size_t>(view.camera.height);
@@ -58,7 +60,7 @@ std::vector<float> planar_target(const GradientsOptions& options, const View& vi
   return planar(interleaved);
 }
 
-// By parameter group, over the splats of all dimensions.
+// Returns the norm of the gradient of each parameter group, over the splats of all dimensions.
 Json parameter_norms(const MixedModel& gradient) {
   Json squares = Json::object();
   for (const SplatModel& splats : gradient.groups)
@@ -72,7 +74,7 @@ Json parameter_norms(const MixedModel& gradient) {
   return squares;
 }
 
-// Names and conventions of ubs_camera_gradient (include/ubs/ubs.h).
+// Names and conventions are those of ubs_camera_gradient (include/ubs/ubs.h).
 Json camera_json(const CameraGradient& gradient, const Camera& camera) {
   std::array<double, 6> pose{};
   std::ranges::copy(gradient.turn, pose.begin());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The subcommands of `ubs-lab`. Each function declares one with its options.
+// These functions declare the subcommands of `ubs-lab`. Each function declares one, with its options.
 #pragma once
 
 #include "tools/common/subcommands.hpp"

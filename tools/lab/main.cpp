@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The executable `ubs-lab`: where this project measures itself, for errors against float64 beside times, for
-// stiff and extreme cases, and for comparing devices and back ends.
+// This is the main program of the executable `ubs-lab`, with which this project measures itself: errors
+// against float64 together with times, numerically difficult and extreme cases, and comparisons of devices
+// and back ends.
 #include "tools/lab/lab_commands.hpp"
 
 namespace {
@@ -16,7 +17,7 @@ constexpr const char *kMeasure = "Measure", *kDevices = "Devices";
 
 constexpr CommandEntry kCommands[] = {
     {add_accuracy, kMeasure, "ubs-lab accuracy --out accuracy", "ubs-lab accuracy run photos --out accuracy"},
-#ifdef UBS_WITH_STRESS  // a build with tests
+#ifdef UBS_WITH_STRESS  // only in builds with tests
     {add_stress, kMeasure, "ubs-lab stress", "ubs-lab stress 'random cases' --cases 500"},
 #endif
     {add_bench, kMeasure, "ubs-lab bench --quick", "ubs-lab bench run photos --run iteration"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab stress: stiff, extreme and random cases against float64. The command line is that of Catch2, whose
-// test cases these are (tests/stress/run_stress.hpp).
+// ubs-lab stress: runs stiff, extreme and random cases against float64. They are Catch2 test cases
+// (tests/stress/run_stress.hpp), so Catch2 parses the command line.
 #include <CLI/CLI.hpp>
 #include <string>
 #include <vector>
@@ -13,7 +13,7 @@ namespace ubs::tools {
 Command add_stress(CLI::App& root) {
   CLI::App* app =
       root.add_subcommand("stress", "Stiff, extreme and random cases against float64 (docs/stability.md)");
-  app->set_help_flag();  // Catch2 has its own
+  app->set_help_flag();  // Catch2 has its own help
   app->set_help_all_flag();
   app->prefix_command();
   return {app, [app] {

@@ -31,7 +31,8 @@ Bins make_bins(std::vector<double> values, std::size_t count, bool logarithmic, 
   if (values.empty()) return spaced(logarithmic ? 0.1 : 0.0, 1.0, count, logarithmic);
   std::sort(values.begin(), values.end());
   double low = nearest_rank(values, outside), high = nearest_rank(values, 1 - outside);
-  // Narrower than rounding can fill with bins: as wide as makes the one value readable.
+  // If the range is so narrow that rounding errors would show in the bins, widen it so that the axis labels
+  // around the single value are readable.
   const double least = 1e-4 * std::max(std::abs(low), std::abs(high));
   if (high - low <= least) {
     const double room = least > 0 ? 500 * least : 0.5;

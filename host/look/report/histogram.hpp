@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Histograms of many values of unknown spread: bins over the bulk of the values, linear or logarithmic; what
-// lies outside of them is counted, not lost.
+// These functions make histograms of many values with unknown spread. The bins, linear or logarithmic, cover
+// most of the values; values outside of the bins are counted separately.
 #pragma once
 
 #include <cstddef>
@@ -10,23 +10,24 @@
 namespace ubs {
 
 struct Bins {
-  std::vector<double> edges;  // rising, one more than bins
+  std::vector<double> edges;  // ascending, one more than bins
 };
 
 struct Histogram {
-  std::vector<double> share;  // of all finite values, one a bin
-  std::size_t values = 0;     // finite ones
+  std::vector<double> share;  // share of all finite values, one per bin
+  std::size_t values = 0;     // number of finite values
   std::size_t below = 0, above = 0;
-  double minimum = 0, median = 0, maximum = 0;  // of the finite values; 0 without any
+  double minimum = 0, median = 0, maximum = 0;  // of the finite values; 0 if there are none
 };
 
-// `count` bins from the quantile `outside` to the quantile 1 - `outside` of the finite values (logarithmic:
-// of the positive ones). A range of no width gets some; without values the range is [0, 1], or [0.1, 1].
+// Returns `count` bins from the quantile `outside` to the quantile 1 - `outside` of the finite values
+// (logarithmic: of the positive ones). A range without width is widened. Without values the range is [0, 1],
+// or [0.1, 1] if logarithmic.
 Bins make_bins(std::vector<double> values, std::size_t count, bool logarithmic, double outside);
 Bins make_bins(double low, double high, std::size_t count);
 
-// Bins are closed below and open above; the last one is closed. Values outside, also those that a logarithmic
-// axis cannot show, count as below or above.
+// A bin includes its lower edge and excludes its upper edge; the last bin includes both. Values outside of
+// the bins, including those that a logarithmic axis cannot show, count as below or above.
 Histogram make_histogram(std::span<const double> values, const Bins& bins);
 
 }  // namespace ubs

@@ -32,7 +32,8 @@ void append_escaped(std::string& out, char c) {
   out += c;
 }
 
-// Returns the hashes as content security policies write them: Base64 of the bytes that the digits stand for.
+// Returns the hashes in the form of content security policies: the Base64 of the bytes that the hexadecimal
+// digits stand for.
 std::string policy_hashes(const std::vector<PageCode>& codes) {
   std::string list;
   for (const PageCode& code : codes) {

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Script of the page of `ubs report`. It builds the sections from the record and the pictures that the page
-// contains, and draws the charts with Chart.js. Names of runs, views and settings come from users: every text
-// becomes a text node, never markup.
+// This is the script of the page of `ubs report`. It builds the sections from the record and the images in
+// the page, and draws the charts with Chart.js. Names of runs, views and settings come from users, so every
+// text is inserted as a text node, never as markup.
 'use strict';
 {
   const record = JSON.parse(document.getElementById('ubs-record').textContent);
   const pictures = JSON.parse(document.getElementById('ubs-pictures').textContent);
   const runs = record.runs, several = runs.length > 1;
-  // Okabe and Ito's colours, which colour-blind readers can distinguish; darker where they would be pale on
-  // white.
+  // Colours of Okabe and Ito, which colour-blind readers can distinguish. Some are darkened, because they
+  // would be too pale on white.
   const colours = ['#0072b2', '#d55e00', '#009e73', '#b0538c', '#b97f00', '#2f8fc4', '#5a5a5a'];
   const colour = (run) => colours[run % colours.length];
   const nothing = '\u2013', mib = 1 << 20;
 
-  // ---- Reading: files of other versions may lack anything, or hold another type.
+  // ---- Reading. Files of other versions may lack fields, or hold values of other types.
   const dict = (value) => (value && typeof value === 'object' && !Array.isArray(value) ? value : {});
   const list = (value) => (Array.isArray(value) ? value : []);
   const member = (value, key) => (Object.hasOwn(dict(value), key) ? value[key] : undefined);
@@ -37,7 +37,8 @@
   const runLabel = (run) => toned(element('span', {class: 'run'}, runs[run].name), run);
   const labelled = (run, ...children) => (several ? [runLabel(run), ' ', children] : children);
   const legend = (...more) => of('legend', several ? runs.map((_, r) => runLabel(r)) : null, more);
-  // A cell is a text, an element, or [content, style]. Rows are arrays of cells, the first one is the head.
+  // A cell is a text, an element, or [content, style]. Rows are arrays of cells; the first cell of a row is
+  // its heading.
   const table = (head, rows, rowStyle = () => '') => {
     const cell = (name, content) => {
       const [inside, style] = Array.isArray(content) ? content : [content, ''];
@@ -79,7 +80,7 @@
   Object.assign(Chart.defaults.font, {family: getComputedStyle(document.body).fontFamily, size: 11.5});
   Chart.defaults.color = '#5b6470';
   Chart.defaults.animation = false;
-  // The nearest point of every line, as rows of different runs differ in x.
+  // Selects the nearest point of every line, because rows of different runs have different x.
   Chart.Interaction.modes.eachLine = (chart, event) =>
       chart.getSortedVisibleDatasetMetas().flatMap((meta) => {
         const distance = (point) => Math.abs(point.x - event.x);
@@ -89,8 +90,8 @@
             [{element: meta.data[index], datasetIndex: meta.index, index}] :
             [];
       });
-  // On logarithmic axes only 1, 2 and 5 times a power of ten are labelled, or the powers where there are
-  // many.
+  // Logarithmic axes have labels only at 1, 2 and 5 times a power of ten, or only at the powers if there are
+  // four or more of them.
   const logTick = (value, _, ticks) => {
     const leading = (v) => Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9) * 10) / 10;
     const powers = ticks.filter((t) => leading(t.value) === 1).length;
@@ -127,14 +128,14 @@
     charts.push({canvas, config: {type: 'line', data: {datasets}, options}});
     return figure;
   };
-  // Charts measure their element, so they are made when it is in the document.
+  // A chart measures its element, so it is created after the element was added to the document.
   const showCharts = () => {
     for (const chart of charts) chart.shown = new Chart(chart.canvas, chart.config);
   };
   for (const event of ['beforeprint', 'afterprint'])
     addEventListener(event, () => charts.forEach((chart) => chart.shown.resize()));
 
-  // ---- Sections. Each returns its content, or nothing where there is nothing to show.
+  // ---- Sections. Each function returns the content of a section, or nothing if there is nothing to show.
   const measures = {
     psnr: ['PSNR, mean over channels', 'dB', 3, 1],
     psnr_joint: ['PSNR, joint', 'dB', 3, 1],
@@ -222,13 +223,14 @@
     return [cards(runs[0]), of('side', table(null, rows.slice(0, half)), table(null, rows.slice(half)))];
   };
 
-  // Every value is the mean of those at most `reach` before and behind it, of as many on either side: the
-  // ends are not pulled to their neighbours.
+  // Replaces every value by the mean of its neighbours within `reach`, with equally many on both sides. So
+  // values near the ends are not pulled towards their inner neighbours.
   const smoothed = (points, reach) => points.map((point, i) => {
     const near = Math.min(reach, i, points.length - 1 - i), window = points.slice(i - near, i + near + 1);
     return {x: point.x, y: window.reduce((sum, p) => sum + p.y, 0) / window.length};
   });
-  // The lines of a curve over the column `along` of log.csv. A loss is drawn twice: as logged, and smoothed.
+  // Returns the lines of a curve over the column `along` of log.csv. A loss has two lines: as logged, and
+  // smoothed.
   const linesOf = (curve, along) => runs.flatMap((run, r) => {
     const log = dict(run.log);
     const points = list(log[curve.column])
@@ -284,9 +286,9 @@
     ];
   };
 
-  // The panes of a set share one transformation. It is kept in fractions of the pane, which differ in size.
-  // The wheel scrolls the page until the mouse has been moved over a pane, so that scrolling past pictures
-  // does not zoom them.
+  // The panes of a set share one zoom and position. These are stored as fractions of the pane size, because
+  // panes differ in size. The wheel scrolls the page until the mouse has been moved over a pane, so that
+  // scrolling past images does not zoom them.
   let armed = false;
   addEventListener('scroll', () => {
     armed = false;
@@ -387,7 +389,8 @@
         'figure', {class: 'facts'}, element('figcaption', {}, 'measured at the end of training'),
         table(null, rows));
   };
-  // One run: its pictures and what it measured. Several: a row for each run, with the ground truth once.
+  // With one run, shows its images and its measurements. With several runs, shows one row per run and the
+  // ground truth only once.
   const viewBlock = (view) => {
     const kinds = ['truth', 'render', 'error', 'depth', 'alpha'].filter(
         (kind) => kind === 'truth' || view.runs.some((own) => isNumber(own[kind])));
@@ -564,7 +567,8 @@
       const known = Object.hasOwn(record.defaults, key),
             values = runs.map((run) => member(run.settings, key) ?? nothing);
       const byData = (run) =>
-          list(find(run, 'chosen')).includes(key);  // chosen by the program, so it is nobody's setting
+          // Chosen by ubs, so it does not count as a setting of the user.
+          list(find(run, 'chosen')).includes(key);
       const code = (value) => element('code', {}, value === '' ? '""' : value);
       return {
         cells:
@@ -594,7 +598,7 @@
         (r) => (r < rows.length && rows[r].slice(1).some((cell) => cell !== rows[r][1]) ? 'differ' : ''))];
   };
 
-  // ---- The page. The live model, where there is one, is already in the document, before the other sections.
+  // ---- The page. If there is a live model, it is already in the document, before the other sections.
   const main = document.querySelector('main');
   const live = document.getElementById('viewer');
   const links = live ? [['viewer', 'The model']] : [];

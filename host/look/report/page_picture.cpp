@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See page_picture.hpp. OpenCV encodes, reduces and brings the colour maps.
+// See page_picture.hpp. OpenCV encodes and reduces the images, and provides the colour maps.
 #include "host/look/report/page_picture.hpp"
 
 #include <algorithm>
@@ -17,8 +17,8 @@
 namespace ubs {
 namespace {
 
-// A JPEG of quality 92 of a photograph of this size in bytes has errors of about 1/255: below what is looked
-// at.
+// A PNG larger than kPngBytes becomes a JPEG of this quality. Its errors are about 1/255, too small to matter
+// for viewing.
 constexpr int kJpegQuality = 92;
 constexpr std::size_t kPngBytes = 64 << 10;
 
@@ -37,7 +37,7 @@ std::vector<std::uint8_t> encode(const cv::Mat& bgr, const char* extension, cons
   return bytes;
 }
 
-// `map`: a colour map of OpenCV over 0 ... 255.
+// Applies a colour map of OpenCV to grey values from 0 to 255.
 Image8 mapped(const cv::Mat& grey, int map) {
   cv::Mat bgr, rgb;
   cv::applyColorMap(grey, bgr, map);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures inside of a page: pixels as data URIs, and colour maps for what is no colour (error, depth,
-// alpha).
+// These functions make images for a page: data URIs, and colour images of errors, depth and alpha.
 #pragma once
 
 #include <span>
@@ -10,26 +9,26 @@
 
 namespace ubs {
 
-// Returns a picture as a data URI: PNG where that is small, else JPEG. A picture whose longer side has more
-// than `longest` pixels is reduced to that (area mean).
+// Returns an image as a data URI: PNG if that is small, otherwise JPEG. If its longer side has more than
+// `longest` pixels, the image is reduced to that size (area mean).
 std::string page_picture(const Image8& image, int longest);
 
-// Mean over the channels of |a - b|, 0 to `top`, from black over red and yellow to white. Throws
-// Error(internal) for different sizes.
+// Returns an image of the mean over the channels of |a - b|. The range from 0 to `top` is mapped to the
+// colour map Inferno: black, purple, red, yellow. Throws Error(internal) if the sizes differ.
 Image8 error_image(const Image8& a, const Image8& b, double top);
 
 struct ValueRange {
   double low = 0, high = 1;
 };
-// From the 1st to the 99th hundredth of the depths where alpha is at least a half; all of them, where that is
-// nowhere. `depth` and `alpha` are of one size.
+// Returns the range from the 1st to the 99th percentile of the depths of all pixels with an alpha of at least
+// 0.5, or of all pixels if there is no such pixel. `depth` and `alpha` have the same size.
 ValueRange depth_range(std::span<const float> depth, std::span<const float> alpha);
-// Near is bright; darkened by alpha.
+// Returns an image of the depth. Near is bright; pixels with low alpha are darker.
 Image8 depth_image(std::span<const float> depth, std::span<const float> alpha, int width, int height,
                    ValueRange range);
-Image8 grey_image(std::span<const float> values, int width, int height);  // 0 to 1
+Image8 grey_image(std::span<const float> values, int width, int height);  // values from 0 to 1
 
-// Means over the channels of the PSNR, of 8-bit images; infinite where a channel is equal.
+// Returns the mean of the PSNR of the channels of 8-bit images; infinite if a channel is equal.
 double psnr_channel_mean(const Image8& a, const Image8& b);
 
 }  // namespace ubs

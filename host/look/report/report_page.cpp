@@ -17,13 +17,15 @@ namespace ubs {
 namespace {
 
 constexpr int kLongestSide = 1000, kLongestPart = 640, kLongestTime = 320;
-constexpr double kErrorTop = 0.25;  // the error that has the brightest colour; 1 is black for white
+// Error that gets the brightest colour; an error of 1 is black instead of white.
+constexpr double kErrorTop = 0.25;
 constexpr std::size_t kBins = 48;
-constexpr double kOutside = 0.005;  // share of the values beyond either end of a histogram's axis
+// Share of the values that may be beyond each end of a histogram's axis.
+constexpr double kOutside = 0.005;
 
 using ReportRuns = std::vector<ReportRun>;
 
-// The pictures of a page. The record holds their numbers.
+// The images of a page. The record refers to them by their numbers.
 class PictureList {
  public:
   std::size_t add(const Image8& image, int longest) {
@@ -58,7 +60,7 @@ const DrawnView* view_named(const ReportRun& run, const std::string& name) {
   return nullptr;
 }
 
-// Returns one range for all runs, so that their depths can be compared.
+// Returns one depth range for all runs, so that their depth images can be compared.
 ValueRange common_depth_range(const ReportRuns& runs, const std::string& name) {
   std::optional<ValueRange> all;
   for (const ReportRun& run : runs) {
@@ -70,7 +72,7 @@ ValueRange common_depth_range(const ReportRuns& runs, const std::string& name) {
   return all.value_or(ValueRange{});
 }
 
-// One view of all runs that have drawn it. Runs of the same data share the picture of the ground truth.
+// Describes one view for all runs that have rendered it. Runs of the same data share the ground truth image.
 Json view_json(const ReportRuns& runs, const std::string& name, PictureList& pictures) {
   const ValueRange range = common_depth_range(runs, name);
   Json json{{"name", name}, {"depth_range", {range.low, range.high}}, {"runs", Json::array()}};
@@ -93,7 +95,8 @@ Json view_json(const ReportRuns& runs, const std::string& name, PictureList& pic
     of_run["render"] = pictures.add(render, kLongestSide);
     if (view->truth && view->truth->width == render.width && view->truth->height == render.height) {
       const double psnr = psnr_channel_mean(*view->truth, render);
-      of_run["psnr"] = std::isfinite(psnr) ? Json(psnr) : Json();  // null: equal in a channel
+      // The value is null if the PSNR is infinite because a channel is equal in both images.
+      of_run["psnr"] = std::isfinite(psnr) ? Json(psnr) : Json();
       of_run["error"] = pictures.add(error_image(*view->truth, render, kErrorTop), kLongestSide);
     }
     if (view->depth.empty()) continue;
@@ -114,7 +117,7 @@ Json views_json(const ReportRuns& runs, PictureList& pictures) {
   return json;
 }
 
-// For each run the model taken apart by its betas: the whole model first, then its parts.
+// Describes the decompositions of the model of each run by betas: the whole model first, then its parts.
 Json decompositions_json(const ReportRuns& runs, PictureList& pictures) {
   Json json = Json::array();
   for (std::size_t r = 0; r < runs.size(); ++r)
@@ -155,10 +158,10 @@ Json times_json(const ReportRuns& runs, PictureList& pictures) {
   return json;
 }
 
-// One histogram for each quantity that a run has, with the same bins for all runs.
+// Makes one histogram for each quantity that a run has, with the same bins for all runs.
 Json histograms_json(const ReportRuns& runs) {
   std::vector<std::vector<SplatQuantity>> all(runs.size());
-  std::vector<const SplatQuantity*> first;  // of each name
+  std::vector<const SplatQuantity*> first;  // first run's quantity of each name
   const auto named = [](const std::string& name) {
     return [&name](const SplatQuantity& q) { return q.name == name; };
   };

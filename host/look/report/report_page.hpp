@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // make_report() makes the page of `ubs report`: one self-contained HTML document about one run, or about
-// several side by side. C++ gathers a record as JSON and the pictures. page.css, page.js and Chart.js, which
-// are embedded, draw tables and charts from them in the browser.
+// several runs side by side. The C++ code collects the data as JSON, and the images. The embedded files
+// page.css, page.js and Chart.js show them as tables and charts in the browser.
 #pragma once
 
 #include <cstddef>
@@ -16,30 +16,32 @@
 namespace ubs {
 
 struct ReportRun {
-  RunRecord record;                 // its remarks are shown, with those of reading and drawing
-  std::optional<MixedModel> model;  // nothing: no pictures of it, no histograms
+  // The page shows the remarks of the record, with those of reading and rendering.
+  RunRecord record;
+  std::optional<MixedModel> model;  // without it, the page has no images or histograms of it
   RunDrawings drawings;
-  std::string views_from;  // in words: "3 of the 200 views of split 'test' of ../data/lego"
-  std::string drawn_on;    // device of the pictures; "" when none were drawn
+  std::string views_from;  // for the reader: "3 of the 200 views of split 'test' of ../data/lego"
+  std::string drawn_on;    // device that rendered the images; "" if none were rendered
 };
 
 struct ReportPage {
   std::string html;
-  // What the page shows (docs/report.md). Pictures are numbers in a list of data URIs, which only the page
-  // has.
+  // The data that the page shows (docs/report.md). Images are numbers of entries in a list of data URIs,
+  // which is only in the page.
   Json record;
-  std::size_t pictures = 0, picture_bytes = 0;  // of their data URIs
+  std::size_t pictures = 0, picture_bytes = 0;  // number of images, and bytes of their data URIs
 };
 
-// A part of the page that shows the model live (host/look/web), and what the page's policy must allow for it.
+// A part of the page that shows the model interactively (host/look/web), and the directives of the page's
+// policy that it needs.
 struct ReportViewer {
-  std::string markup;  // nothing: no viewer
+  std::string markup;  // empty: no viewer
   PageCode style, script;
   std::string policy;  // directives for its images and its worker
 };
 
-// Returns the page about `runs`, at least one. `made_by` is the version line of the program, for the foot of
-// the page.
+// Returns the page about `runs`, of which there must be at least one. `made_by` is the version line of the
+// program, for the page footer.
 ReportPage make_report(const std::vector<ReportRun>& runs, const std::string& made_by,
                        const ReportViewer& viewer = {});
 

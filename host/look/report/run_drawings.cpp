@@ -32,8 +32,8 @@ KernelConfig painter_config(const Device& device, const MixedModel& model, const
   return config;
 }
 
-// Draws a model, and parts of it, from a set of cameras with colour, alpha and depth. Parts are drawn by the
-// stages of the whole model, so that no kernel is built twice.
+// Renders a model, and parts of it, from a set of cameras with colour, alpha and depth. Parts are rendered
+// with the stages of the whole model, so that each kernel is compiled only once.
 class ModelPainter {
  public:
   ModelPainter(Device& device, const MixedModel& model, const TrainSettings& settings)
@@ -45,7 +45,8 @@ class ModelPainter {
   void set_cameras(const std::vector<Camera>& cameras) { renderer_.set_cameras(cameras); }
   RenderedView draw(std::size_t camera) { return draw(camera, model_.view()); }
 
-  // The groups of `part` must have dimensions that the model has. It may be empty.
+  // Renders a part of the model. The groups of `part` must have dimensions that the model has. The part may
+  // be empty.
   RenderedView draw(std::size_t camera, const MixedModel& part) {
     std::vector<DeviceModel> models;
     std::vector<RenderGroup> groups;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a run for its report: views beside their ground truth with depth and alpha, the model taken
-// apart by its betas, and a strip over time.
+// RunDrawings holds the images of a run for its report: views with their ground truth, depth and alpha; parts
+// of the model selected by their betas; and a series of images over time.
 #pragma once
 
 #include <optional>
@@ -18,10 +18,11 @@ class Device;
 
 struct DrawnView {
   std::string name;
-  std::optional<double> time;       // of models with time
-  Image8 render;                    // clamped
-  std::optional<Image8> truth;      // of the size of the render
-  std::vector<float> alpha, depth;  // (height, width); empty for pictures that the run saved
+  std::optional<double> time;   // only for models with time
+  Image8 render;                // clamped to [0, 1]
+  std::optional<Image8> truth;  // of the same size as the render
+  // (height, width). Empty for images that the run saved.
+  std::vector<float> alpha, depth;
 };
 
 struct DrawnPart {
@@ -44,26 +45,27 @@ struct DrawnTime {
 
 struct RunDrawings {
   std::vector<DrawnView> views;
-  std::string apart_view;  // the view of the decompositions and of the strip
+  std::string apart_view;  // the view that shows the decompositions and the times
   std::vector<Decomposition> decompositions;
   std::vector<DrawnTime> times;  // empty for models without time
 };
 
-// `views` (at least one) with images where there are any; the first one is used to take the model apart.
+// Renders the images. `views` must have at least one view, with or without image; the first one is used for
+// the decompositions.
 RunDrawings draw_run(Device& device, const MixedModel& model, const TrainSettings& settings,
                      const std::vector<View>& views);
 
-// Returns a camera of width x height pixels, 45 degrees along the shorter side, on the orbit that shows the
-// bulk of the model (host/api/scene_frame.hpp) from 25 degrees above, at `azimuth` [rad]. It is for models
-// without cameras of their own.
+// Returns a camera of width x height pixels with an angle of view of 45 degrees along the shorter side. It is
+// on the orbit that shows most of the model (host/api/scene_frame.hpp) from 25 degrees above, at `azimuth`
+// [rad]. Used for models without cameras of their own.
 Camera circling_camera(const MixedModel& model, double azimuth, int width, int height);
 
-// The pictures that `ubs train` left in `folder` (ground truth | render), at most `count`, evenly spaced by
-// name. Files that are no such pictures are told and left out.
+// Returns the images that `ubs train` saved in `folder` (ground truth | render), at most `count`, evenly
+// spaced by name. A file that is not such an image is skipped with a remark.
 std::vector<DrawnView> saved_renders(const std::filesystem::path& folder, std::size_t count,
                                      std::vector<std::string>& remarks);
 
-// Numbers of at most `count` of `size` things, evenly spaced from the first on.
+// Returns the indices of at most `count` of `size` items, evenly spaced, starting with the first.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t count);
 
 }  // namespace ubs

@@ -59,7 +59,7 @@ std::optional<Row> read_row(const std::vector<std::string>& head, const std::vec
 
 void take_setting(RunRecord& run, FieldValues fields, const std::string& key, const std::string& value,
                   std::vector<std::string>& unknown) {
-  std::string shown = value;  // in the form of this version, so that equal values read the same
+  std::string shown = value;  // as this version writes it, so that equal values look equal
   try {
     set_field(fields, key, value, "setting");
     for (const FieldValue& field : fields)
@@ -155,7 +155,7 @@ Json parse_log(const std::string& csv, const std::string& origin, std::vector<st
       ++bad;
       continue;
     }
-    // With --on-nan rollback, iterations occur again.
+    // After a rollback (--on-nan rollback), the log contains some iterations again.
     while (!rows.empty() && rows.back()[0] >= (*row)[0]) rows.pop_back();
     rows.push_back(*row);
   }

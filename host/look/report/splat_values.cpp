@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// See splat_values.hpp. Activations as in method.md 1.1, in double precision of the host.
+// See splat_values.hpp. The activations are those of method.md 1.1, computed in double precision on the host.
 #include "host/look/report/splat_values.hpp"
 
 #include <algorithm>
@@ -18,7 +18,7 @@ double unchanged(double raw) { return raw; }
 struct Rows {
   int first = 0, count = 0;
 };
-// Query dimensions of a layout by what they are; numbers among the query dimensions.
+// The query dimensions of each kind in a layout, as indices among the query dimensions.
 Rows directions(const ParameterLayout& l) { return {0, l.dim >= 6 ? 3 : 0}; }
 Rows time(const ParameterLayout& l) { return {directions(l).count, has_time(l.dim) ? 1 : 0}; }
 Rows further(const ParameterLayout& l) {

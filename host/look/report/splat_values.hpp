@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parameters of a model as what they mean: activated values by quantity, with a name and a unit, over all
-// splats of all groups. For histograms.
+// SplatQuantity is one quantity of a model, such as its opacities, for histograms: the activated parameter
+// values of all splats of all groups, with a name and a unit.
 #pragma once
 
 #include <string>
@@ -12,16 +12,17 @@ namespace ubs {
 
 struct SplatQuantity {
   std::string name;            // "opacity"
-  std::string unit;            // of the axis: "scene units", "exponent of 1 - r"
-  std::string meaning;         // one line
-  bool logarithmic = false;    // all values are positive and spread over magnitudes
-  bool unit_interval = false;  // all values lie in [0, 1]
+  std::string unit;            // label of the axis: "scene units", "exponent of 1 - r"
+  std::string meaning;         // explanation in one line
+  bool logarithmic = false;    // all values are positive and span orders of magnitude
+  bool unit_interval = false;  // all values are in [0, 1]
   std::vector<double> values;
 };
 
-// What the model has, in an order for reading: opacity, spatial scales, betas, conditioning weights, query
-// scales, colours, means of time. Quantities of which the form of the model or its dimensions know nothing
-// are left out. Models of different forms give different lists: compare by name.
+// Returns the quantities of a model in this order: opacity, spatial scales, betas, conditioning weights,
+// query scales, colours, means of time. Quantities that the variant or the dimensions of the model do not
+// have are left out. So models of different variants give different lists, and quantities must be compared by
+// name.
 std::vector<SplatQuantity> splat_quantities(const MixedModel& model);
 
 }  // namespace ubs

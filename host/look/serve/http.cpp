@@ -22,7 +22,7 @@ namespace {
 constexpr std::size_t kMaxHead = 8192, kMaxBody = 4096, kMaxDrained = 65536, kMaxLine = 300;
 constexpr double kRequestSeconds = 5, kAnswerSeconds = 20, kDrainSeconds = 1;
 
-// A connection as the library sees it, with limits on bytes and on time.
+// A connection, in the form that the library needs, with limits on bytes and time.
 class LimitedStream final : public httplib::Stream {
  public:
   explicit LimitedStream(int descriptor) : descriptor_(descriptor) {}
@@ -39,8 +39,8 @@ class LimitedStream final : public httplib::Stream {
     }
   }
 
-  // Ends the connection such that the client can read the answer: closing it while unread bytes are left
-  // would reset it.
+  // Ends the connection in a way that lets the client read the answer. Closing it while there are unread
+  // bytes would reset the connection.
   void finish() const {
     ::shutdown(descriptor_, SHUT_WR);
     const Stopwatch watch;
@@ -71,9 +71,11 @@ class LimitedStream final : public httplib::Stream {
   bool is_readable() const override { return true; }
   void get_remote_ip_and_port(std::string&, int&) const override {}
   void get_local_ip_and_port(std::string&, int&) const override {}
-  // Not the descriptor: the library refuses those that do not fit into a set of select(), which we don't use.
+  // Returns no descriptor: the library rejects descriptors that do not fit into the sets of select(), which
+  // is not used here.
   socket_t socket() const override { return -1; }
-  // Not marked as overrides: versions of the library until 0.18 have the first, later ones the others.
+  // Not marked `override`: versions of the library before 0.18 have the first of these functions, later ones
+  // have the others.
   bool is_writable() const { return true; }
   bool wait_readable() const { return true; }
   bool wait_writable() const { return true; }
@@ -86,7 +88,7 @@ class LimitedStream final : public httplib::Stream {
     return ::poll(&one, 1, static_cast<int>(std::ceil(1000 * seconds))) > 0;
   }
 
-  // Appends bytes from the connection. Returns false at its end, and at the limits.
+  // Receives bytes and appends them. Returns false at the end of the connection and at the limits.
   bool receive() {
     char bytes[4096];
     const std::size_t room = std::min(sizeof bytes, kMaxHead + kMaxBody - data_.size());
@@ -97,8 +99,9 @@ class LimitedStream final : public httplib::Stream {
     return true;
   }
 
-  // Renames headers "Range". The library matches their values with a regular expression that needs up to
-  // 0.5 KB of stack per byte, so a long one would end the process (cpp-httplib 0.11.4, 4 MB for 8000 bytes).
+  // Renames headers with the name "Range". The library matches their values with a regular expression that
+  // needs up to 0.5 KB of stack per byte, so a long one would end the process (cpp-httplib 0.11.4, 4 MB for
+  // 8000 bytes).
   void hide_ranges(std::size_t end) {
     for (std::size_t line = data_.find('\n'); line < end; line = data_.find('\n', line + 1))
       if (strncasecmp(data_.data() + line + 1, "range", 5) == 0) data_[line + 1] = 'X';
@@ -111,7 +114,7 @@ class LimitedStream final : public httplib::Stream {
   std::size_t used_ = 0;
 };
 
-// The connection that this thread answers: handlers of the library are passed nothing of it.
+// The connection that this thread answers, because the library does not pass it to handlers.
 thread_local const LimitedStream* this_connection = nullptr;
 
 bool peer_gone(int socket) {
@@ -119,7 +122,7 @@ bool peer_gone(int socket) {
   return ::poll(&one, 1, 0) > 0;
 }
 
-// Compares in a time that does not depend on where the two differ.
+// Compares in a time that does not depend on the position of the first difference.
 bool same_token(std::string_view given, std::string_view token) {
   unsigned different = given.size() == token.size() ? 0 : 1;
   for (std::size_t i = 0; i < token.size(); ++i)
@@ -147,7 +150,9 @@ struct Refusal {
 std::optional<Refusal> refusal(const Site& site, const httplib::Request& request) {
   const std::string host = request.get_header_value("Host"), origin = request.get_header_value("Origin");
   const std::string_view name = without_port(host);
-  // Where others can connect they need the token, which a page of another name does not know.
+  // On loopback, the Host header must be a name of this machine, so that a web page of another name cannot
+  // send requests (DNS rebinding). If other machines can connect, requests need the token instead, which such
+  // a page does not know.
   if (site.loopback && name != "localhost" && name != "127.0.0.1" && name != "[::1]" && name != site.host)
     return Refusal{421, "wrong Host header for this server"};
   if (!site.token.empty() && !same_token(request.get_param_value("token"), site.token))
@@ -155,7 +160,7 @@ std::optional<Refusal> refusal(const Site& site, const httplib::Request& request
   if (request.has_header("Origin") && origin != "http://" + host)
     return Refusal{403, "only the page of this server may send this request"};
   if (request.method != "GET" && request.method != "POST") return Refusal{405, "GET and POST only"};
-  // Only bodies of JSON with a length are read: others could be decompressed, or split into parts.
+  // Accept only JSON bodies with a length. The library might decompress others or split them into parts.
   if (request.has_header("Transfer-Encoding") || request.has_header("Content-Encoding"))
     return Refusal{415, "the body must have a Content-Length and no encoding"};
   if (request.method == "GET") return {};
@@ -174,7 +179,7 @@ class Http::Library final : public httplib::Server {
  public:
   explicit Library(Site site) : site_(std::move(site)) {
     set_default_headers({{"Cache-Control", "no-store"},
-                         {"Referrer-Policy", "no-referrer"},  // the address may hold the token
+                         {"Referrer-Policy", "no-referrer"},  // the address may contain the token
                          {"X-Content-Type-Options", "nosniff"},
                          {"Cross-Origin-Resource-Policy", "same-origin"}});
     set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
@@ -218,14 +223,15 @@ class Http::Library final : public httplib::Server {
 
   void answer(LimitedStream& stream, const std::function<void()>& admitted) {
     call(&Library::process_request, stream, [&](httplib::Request& request) {
-      request.headers.erase("Accept-Encoding");  // compression takes more time than loopback and tunnels need
+      // Compression would take more time than it saves on loopback and in tunnels.
+      request.headers.erase("Accept-Encoding");
       if (!refusal(site_, request)) admitted();
     });
   }
 
  private:
   using Setup = std::function<void(httplib::Request&)>;
-  // Until version 0.17, and from 0.18 on.
+  // The signatures of the library up to version 0.17, and since 0.18.
   using Process = bool (httplib::Server::*)(httplib::Stream&, bool, bool&, const Setup&);
   using AddressedProcess = bool (httplib::Server::*)(httplib::Stream&, const std::string&, int,
                                                      const std::string&, int, bool, bool&, const Setup&);
@@ -252,7 +258,8 @@ void Http::answer(int socket, const std::function<void()>& admitted) noexcept {
     this_connection = &stream;
     library_->answer(stream, admitted);
     stream.finish();
-  } catch (...) {  // out of memory outside of handlers: the connection ends without an answer
+    // Out of memory outside of the handlers: the connection ends without an answer.
+  } catch (...) {
   }
   this_connection = nullptr;
 }

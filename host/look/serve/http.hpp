@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Http reads one HTTP request from a connected socket, decides whether its sender may ask, and answers it.
-// The library cpp-httplib parses requests and writes answers. What it does not limit is limited here: the
-// bytes and the seconds of a request, the seconds of an answer, and exceptions, none of which leave answer().
-// One connection carries one request, so nothing can be queued behind a request or hidden in its body.
+// Http reads one HTTP request from a connected socket, checks that the sender is allowed to send it, and
+// answers it. The library cpp-httplib parses requests and writes answers. Http adds limits that the library
+// does not have: on the bytes and the time of a request, and on the time of an answer. No exception leaves
+// answer(). One connection carries one request, so nothing can be queued behind a request or hidden in its
+// body.
 #pragma once
 
 #include <functional>
@@ -19,14 +20,14 @@ struct HttpReply {
   std::vector<std::pair<std::string, std::string>> headers;
 };
 
-// What is served, and to whom.
+// The content that is served, and the conditions for access.
 struct Site {
-  std::string host;                    // the name or address that the server was asked to listen at
+  std::string host;                    // name or address that the server was told to listen on
   bool loopback = true;                // only programs on this machine can connect
-  std::string token;                   // that requests must have in their address; empty: none is needed
+  std::string token;                   // must be in the address of requests; empty: none needed
   std::string page;                    // HTML, for GET /
   std::function<std::string()> state;  // returns JSON, for GET /state
-  // Answers POST /picture, whose body is passed. `gone` returns true when the sender has closed the
+  // Answers POST /picture; receives the body of the request. `gone` returns true if the sender has closed the
   // connection.
   std::function<HttpReply(const std::string& body, const std::function<bool()>& gone)> picture;
 };
@@ -36,8 +37,8 @@ class Http {
   explicit Http(Site site);
   ~Http();
 
-  // Answers one request. Calls `admitted` when all headers have come and the request is allowed. Leaves the
-  // socket open. May be called from several threads at once.
+  // Answers one request. Calls `admitted` when all headers have arrived and the request is allowed. Leaves
+  // the socket open. May be called from several threads at once.
   void answer(int socket, const std::function<void()>& admitted) noexcept;
 
  private:

@@ -19,14 +19,15 @@
 namespace ubs::serve {
 namespace {
 
-constexpr std::size_t kMaxPoints = 400;            // of the curve
-constexpr std::uint64_t kIntersections = 4 << 20;  // that any picture may have, about 0.1 GB
-// For a view of the training, which will need the room as well.
+constexpr std::size_t kMaxPoints = 400;  // maximum number of points of a curve
+// Limit that every image may use, about 0.1 GB.
+constexpr std::uint64_t kIntersections = 4 << 20;
+// No limit. Used for a view of the training data, because training needs the same memory.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
 constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
 constexpr std::chrono::milliseconds kWait{1000};
 
-// What the run says, or else by what its iterations took so far.
+// Returns the remaining time that the run reports, or an estimate from the iterations so far.
 double seconds_left(const StepReport& report) {
   if (report.seconds_left > 0 || report.iteration == 0) return report.seconds_left;
   return report.seconds * (report.iterations - report.iteration) / report.iteration;
@@ -40,7 +41,7 @@ struct LiveTraining::Implementation {
   Device& device;
   Trainer& trainer;
   const TimeSource& time;
-  double unit;  // of training, in the data
+  double unit;  // length in the data that counts as 1 in training
   std::unique_ptr<Stages> stages{};
   std::unique_ptr<Painter> painter{};
   struct Point {
@@ -61,7 +62,7 @@ struct LiveTraining::Implementation {
     return painter->draw(std::span(&group, 1), camera, exact, most);
   }
 
-  // Answers the oldest request, if one comes within `wait`.
+  // Answers the oldest request if one arrives within `wait`.
   bool serve(std::chrono::milliseconds wait = {}) {
     Stopwatch watch(time);
     const bool served = server.serve(wait, [&](const PictureRequest& request) -> Picture {
@@ -83,7 +84,7 @@ struct LiveTraining::Implementation {
 
   static void add(std::vector<Point>& points, int iteration, double value) {
     if (!std::isfinite(value)) return;
-    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // it went back
+    while (!points.empty() && points.back().iteration >= iteration) points.pop_back();  // training went back
     points.push_back({iteration, value});
     if (points.size() < kMaxPoints) return;
     for (std::size_t i = 0; i < kMaxPoints / 2; ++i) points[i] = points[2 * i];
@@ -114,7 +115,7 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
   Implementation& own = *own_;
   const DeviceModel& model = trainer.device_model();
   KernelConfig config = kernel_config(model.dim(), settings.variant, settings, device.info());
-  config.backward = false;  // as `ubs render` draws
+  config.backward = false;  // as in `ubs render`
   own.stages = make_stages(device, config);
   own.painter = std::make_unique<Painter>(device, *own.stages, trainer.render_settings());
   const Camera& first = scene.cameras.at(0).camera;
@@ -155,7 +156,8 @@ std::string LiveTraining::summary() const {
 
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene) {
   Painter painter(session.device(), session.stages(), session.settings());
-  const std::uint64_t most = session.device().info().memory_bytes / 64;  // 24 bytes each, and sorted
+  // An intersection takes 24 bytes, and more for sorting.
+  const std::uint64_t most = session.device().info().memory_bytes / 64;
   server.publish(json_text({{"splats", model.count()}, {"memory", session.device().allocated_bytes()}}));
   server.start(live_page(scene, false));
   for (;;)

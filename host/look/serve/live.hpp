@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // LiveTraining and serve_model() show a training or a model in the browser (docs/web.md). In a build without
-// cpp-httplib the constructor of Server throws Error(usage).
+// cpp-httplib, the constructor of Server throws Error(usage).
 #pragma once
 
 #include <memory>
@@ -17,31 +17,31 @@
 namespace ubs::serve {
 
 inline constexpr double kShare = 5;              // percent
-inline constexpr std::size_t kMaxCameras = 100;  // that the page offers
+inline constexpr std::size_t kMaxCameras = 100;  // maximum number of cameras in the page
 
-// What the page begins with.
+// The initial state of the page.
 struct Scene {
   std::string title;
   SceneFrame frame;
-  std::vector<View> cameras;  // to jump to; at least one, images are not looked at
+  std::vector<View> cameras;  // selectable cameras, at least one; images are not used
   bool has_time = false;
 };
 
-// All calls from the thread that trains. Pictures are drawn between steps, as many as fit the share of the
-// time, and the bits of the training stay what they are without.
+// Serves a training. All functions must be called from the training thread. Images are rendered between
+// training steps, as many as fit into their share of the time. They do not change the result: the model is
+// bit-identical to that of a training without server.
 class LiveTraining {
  public:
-  // Builds the kernels, draws a first picture, and answers from now on. `share`: percent of the time that
-  // pictures may cost. `scene` is in the unit of the data, whatever settings.unit is. What is referred to must
-  // outlive this.
+  // Compiles the kernels, renders a first image, and starts to answer requests. `share` is the percentage of
+  // the time that rendering may take. `scene` is in the unit of the data, whatever settings.unit is. All
+  // arguments passed by reference must outlive this object.
   LiveTraining(Server& server, double share, Device& device, Trainer& trainer, const TrainSettings& settings,
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
   void step(const StepReport& report);
-  // Draws pictures of the last state for two seconds at most, and the picture that is drawn at that time. It
-  // waits for requests only if pictures were drawn in the last ten seconds. To be called when the model is
-  // saved.
+  // Renders images of the final state for at most two seconds; an image in progress is finished. Waits for
+  // requests only if images were rendered in the last ten seconds. Call it after saving the model.
   void end();
   std::string summary() const;
 
@@ -50,7 +50,7 @@ class LiveTraining {
   std::unique_ptr<Implementation> own_;
 };
 
-// Shows a model and never returns: nothing is lost when a signal ends the program.
+// Shows a model and never returns. A signal ends the program; nothing needs to be saved.
 void serve_model(Server& server, ModelSession& session, const MixedModel& model, const Scene& scene);
 
 }  // namespace ubs::serve

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a live training or model. The camera is here and the server renders: the page asks for one
-// picture at a time, and for the next one, from the newest camera, when that has come. Pictures have as many
-// pixels as can be had a few times a second while something moves, and within seconds at rest.
+// This is the script of the page that shows a live training or model. The page holds the camera and the
+// server renders. The page requests one image at a time; when it has arrived, it requests the next one from
+// the newest camera. While something moves, images have as many pixels as the server can render a few times
+// per second; at rest, as many as it can render within seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
-const FIXED_PIXELS = 1 << 15;  // a picture costs as much time as these, and its own pixels
+// The fixed cost of an image, in pixels: rendering takes as long as for this number plus the image's own
+// pixels.
+const FIXED_PIXELS = 1 << 15;
 
 const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :
     s < 3600 ? `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s` :
@@ -22,7 +25,7 @@ class Live {
     cameras.onchange = () => this.jump(cameras.selectedIndex);
     const time = this.find('input[type=range]');
     time.parentNode.hidden = !options.timed;
-    if (!options.training) this.find('svg').remove();  // curves
+    if (!options.training) this.find('svg').remove();  // removes the curves
     this.find('details').open = innerWidth > 700;
     time.value = this.camera.time;
     time.oninput = () => {
@@ -40,7 +43,7 @@ class Live {
       home: () => this.jump(this.at),
       p: () => this.save(),
     });
-    new ResizeObserver(() => this.change()).observe(this.canvas);  // and for the first time at once
+    new ResizeObserver(() => this.change()).observe(this.canvas);  // also calls it once at the start
     this.watch();
   }
 
@@ -50,16 +53,17 @@ class Live {
     message.hidden = !text;
   }
 
-  // ---- Pictures ----
+  // ---- Images ----
   change() {
     this.changed = performance.now();
     this.dirty = true;
-    // A picture at rest may take long: the newer camera replaces it.
+    // An image at rest may take long, so cancel it: the newer camera replaces it.
     if (this.waiting && this.resting) this.waiting.abort();
     this.ask();
   }
 
-  // Width and height of the next picture, or undefined while there is no room for one, as in a hidden frame.
+  // Returns width and height of the next image, or undefined if the canvas has no size, for example in a
+  // hidden frame.
   size() {
     const box = this.canvas.getBoundingClientRect(), dots = Math.min(devicePixelRatio || 1, 2);
     const full = dots * dots * box.width * box.height;
@@ -77,10 +81,11 @@ class Live {
     clearTimeout(this.later);
     this.dirty = false;
     const size = this.size();
-    if (!size) return;  // the canvas says when it has room again
+    if (!size) return;  // the ResizeObserver calls again when the canvas has a size
     this.waiting = new AbortController();
     ++this.asked;
-    let again = this.options.training;  // its pictures become old
+    // Images of a training become outdated.
+    let again = this.options.training;
     try {
       await this.draw(await this.request(...size));
     } catch (error) {
@@ -90,7 +95,7 @@ class Live {
     this.waiting = undefined;
     this.shown = this.asked;
     if (this.dirty) return this.ask();
-    // A small picture becomes a whole one at rest.
+    // After a small image, request a full-size one when the camera is at rest.
     if (this.small || again) this.later = setTimeout(() => this.ask(), this.small ? REST_MS : REFRESH_MS);
   }
 
@@ -153,7 +158,7 @@ class Live {
     this.change();
   }
 
-  // ---- Figures ----
+  // ---- Numbers and curves ----
   async watch() {
     try {
       const answer = await this.fetch('state');
@@ -181,7 +186,7 @@ class Live {
     this.curve('.test', state.test, state.iterations);
   }
 
-  // A curve over all iterations, from its least to its greatest value.
+  // Draws a curve over all iterations, scaled from its minimum to its maximum value.
   curve(selector, points, iterations) {
     const values = points.map((p) => p[1]), low = Math.min(...values), span = Math.max(...values) - low || 1;
     const place = ([i, v]) =>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page that visitors are given. Style and camera are those of `ubs web`; what moves is live.js.
+// live_page() makes the page for viewers. It shares style and camera with `ubs web`; its script is live.js.
 #pragma once
 
 #include <string>

@@ -19,7 +19,8 @@ constexpr int kQuality = 90;
 Outcome Painter::Bounded::run(const Operation& operation) {
   Outcome outcome = stages_.run(operation);
   const auto* count = std::get_if<CountLists>(&operation);
-  if (count == nullptr || count->totals.memory != nullptr) return outcome;  // room that there is already
+  // The lists keep their allocated size.
+  if (count == nullptr || count->totals.memory != nullptr) return outcome;
   if (const auto& totals = std::get<ListTotals>(outcome); totals.intersections > most)
     fail(ErrorKind::memory,
          "the view is too expensive to render: {} splats cover {} tiles of the image: move the camera "
@@ -38,7 +39,7 @@ std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& cam
   renderer_.forward(groups, 0, settings_, false);
   const RenderedView view = renderer_.download();
   Image8 image = image_from_interleaved(view.rgb, view.width, view.height);
-  if (exact) {  // as files of it are
+  if (exact) {  // encoded like all PNG files that ubs writes
     const auto file = encode_png({image.width, image.height}, image.rgb.data());
     return {reinterpret_cast<const char*>(file.data()), file.size()};
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Painter renders pictures for visitors, with stages and buffers of its own, so that nothing changes that a
-// training works with. A camera that somebody sends can be anywhere: a view that would need too much memory
-// is refused.
+// Painter renders images for viewers. It has stages and buffers of its own, so that it does not change the
+// state of a training. Clients may send any camera, so a view that would need too much memory is refused.
 #pragma once
 
 #include <span>
@@ -15,8 +14,8 @@ class Painter {
  public:
   Painter(Device& device, Stages& stages, const RenderSettings& settings);
 
-  // As JPEG, `exact` as PNG. Throws Error(memory) for a view of more than `most` intersections of splats and
-  // tiles.
+  // Renders a JPEG or, with `exact`, a PNG. Throws Error(memory) for a view with more than `most`
+  // intersections of splats and tiles.
   std::string draw(std::span<const RenderGroup> groups, const Camera& camera, bool exact, std::uint64_t most);
 
   void use(const RenderSettings& settings) { settings_ = settings; }

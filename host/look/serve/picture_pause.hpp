@@ -5,15 +5,16 @@
 
 namespace ubs::serve {
 
-// PicturePause keeps the pictures of a training within a share of the time: after a picture that took t
-// seconds, none is drawn for t (1 - share) / share seconds. So nobody waits longer for a small picture of
-// somebody else than it cost, and nothing is saved up.
+// PicturePause limits the rendering of images during a training to a share of the time: after an image that
+// took t seconds, no image is rendered for t (1 - share) / share seconds. The pause is proportional to the
+// cost of the last image, so a cheap image of one viewer delays the others only briefly, and unused time does
+// not accumulate.
 class PicturePause {
  public:
   PicturePause(double share, const TimeSource& time) : share_(share), time_(&time) {}
   bool over() const { return time_->seconds() >= end_; }
   void begin(double cost) { end_ = time_->seconds() + period(cost) - cost; }
-  double period(double cost) const { return cost / share_; }  // of the picture and its pause
+  double period(double cost) const { return cost / share_; }  // duration of the image and its pause
 
  private:
   double share_;

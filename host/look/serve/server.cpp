@@ -34,11 +34,12 @@ using namespace std::chrono_literals;
 using Seconds = std::chrono::duration<double>;
 
 constexpr std::size_t kMaxConnections = 32;
-constexpr int kBacklog = 64;  // connections that the system holds until they are accepted
+constexpr int kBacklog = 64;  // connections that the system queues before they are accepted
 constexpr double kPictureSeconds = 120, kClosingSeconds = 1;
 constexpr auto kPeerCheck = 200ms;
-// An answer takes 0.5 ms of a processor beside what a picture takes to draw, and 0.8 ms with the longest
-// headers (two cores of an AMD EPYC, 2026-11-27), so the threads of the server get 2 to 4 % of one processor.
+// Pause between two connections. An answer takes 0.5 ms of processor time in addition to rendering, and 0.8
+// ms with the longest headers (two cores of an AMD EPYC, 2026-11-27). So the threads of the server use at
+// most 2 to 4 % of one processor.
 constexpr auto kBetweenConnections = 20ms;
 
 std::string random_token() {
@@ -83,14 +84,14 @@ HttpReply picture_reply(const Server::Draw& draw, const PictureRequest& request)
   }
 }
 
-// A connection, which is closed when this object goes.
+// A connection, which is closed in the destructor.
 struct Connection {
   explicit Connection(int descriptor) : socket(descriptor) {}
   Connection(const Connection&) = delete;
   ~Connection() { ::close(socket); }
 
   const int socket;
-  std::atomic<bool> admitted = false;  // its request is complete and allowed
+  std::atomic<bool> admitted = false;  // the request is complete and allowed
   bool done = false;                   // guarded by the server's mutex
   std::thread thread;
 };
@@ -108,17 +109,18 @@ struct Server::Implementation {
   int listener = -1;
   std::unique_ptr<Http> http;
 
-  std::mutex mutex;  // of the members from here to `pending`
+  std::mutex mutex;  // protects the members from here to `pending`
   std::condition_variable changed;
   bool closing = false;
   std::string state = "{}";
   std::deque<std::shared_ptr<PendingPicture>> pending;
 
-  // Used by the accepting thread, and by the destructor afterwards. The oldest are in front.
+  // Used by the accepting thread and, after it has ended, by the destructor. The oldest connections are at
+  // the front.
   std::list<Connection> connections;
   std::thread accepting;
 
-  // Takes the first address of the host that can be had.
+  // Listens on the first usable address of the host.
   void open(const Address& address) {
     if (address.host.empty())
       fail(ErrorKind::usage, "the host to listen on is empty: pass a name or an address");
@@ -167,7 +169,7 @@ struct Server::Implementation {
     url = fmt::format("http://{}:{}/{}", name, port.data(), site.loopback ? "" : "?token=" + site.token);
   }
 
-  // Returns false when the server is closing.
+  // Waits between two connections. Returns false if the server is closing.
   bool rest() {
     std::unique_lock lock(mutex);
     return !changed.wait_for(lock, kBetweenConnections, [&] { return closing; });
@@ -197,7 +199,7 @@ struct Server::Implementation {
     try {
       one.back().thread = std::thread([this, &connection = one.back()] { converse(connection); });
       connections.splice(connections.end(), one);
-    } catch (const std::exception&) {  // no thread can be had
+    } catch (const std::exception&) {  // the system has no more threads
     }
   }
 
@@ -211,8 +213,8 @@ struct Server::Implementation {
     for (Connection& one : done) one.thread.join();
   }
 
-  // Ends the oldest connection whose request is not complete or not allowed: those who only hold a connection
-  // keep nobody out.
+  // Ends the oldest connection whose request is not complete or not allowed, so that idle connections cannot
+  // keep others out.
   bool displace() {
     const auto oldest =
         std::find_if(connections.begin(), connections.end(), [](const Connection& c) { return !c.admitted; });
@@ -284,7 +286,7 @@ void Server::start(std::string page) {
     return own.picture(body, gone);
   };
   own.http = std::make_unique<Http>(own.site);
-  // Signals are for the thread that works.
+  // Block signals in the server's threads, so that the main thread handles them.
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -307,7 +309,8 @@ bool Server::serve(std::chrono::milliseconds wait, const Draw& draw) {
   HttpReply reply{.status = 500};
   try {
     reply = picture_reply(draw, next->request);
-  } catch (const std::bad_alloc&) {  // not even for the text of an error: an empty answer
+    // There is not even memory for an error message: send an empty answer.
+  } catch (const std::bad_alloc&) {
   }
   lock.lock();
   next->reply = std::move(reply);

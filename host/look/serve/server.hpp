@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Server shows a page, figures and pictures to browsers, from threads of its own. It knows nothing of models:
-// its owner calls serve(), which has the oldest request for a picture drawn in the calling thread. The limits
-// on connections, bytes and times, and who may ask, are described in SECURITY.md.
+// Server sends a page, status data and images to browsers, using threads of its own. It does not know about
+// models: its owner calls serve(), which renders the image for the oldest request in the calling thread.
+// SECURITY.md describes the limits on connections, bytes and times, and which clients are allowed.
 #pragma once
 
 #include <chrono>
@@ -16,8 +16,8 @@
 namespace ubs::serve {
 
 struct Address {
-  std::string host = "127.0.0.1";  // a name or an address of this machine
-  int port = 8080;                 // 0: a free one
+  std::string host = "127.0.0.1";  // a name or address of this machine
+  int port = 8080;                 // 0: any free port
 };
 
 inline constexpr int kMaxPicturePixels = 1 << 21, kMaxPictureSide = 1 << 14;
@@ -28,26 +28,28 @@ struct PictureRequest {
 };
 
 struct Picture {
-  std::string bytes;                                         // of the JPEG or PNG file
-  std::vector<std::pair<std::string, std::string>> headers;  // of the answer
+  std::string bytes;                                         // content of the JPEG or PNG file
+  std::vector<std::pair<std::string, std::string>> headers;  // headers of the answer
 };
 
 class Server {
  public:
-  // Takes the port. Throws Error(usage) if the port is taken or the host is not of this machine.
+  // Opens the port. Throws Error(usage) if the port is in use or the host is not this machine.
   explicit Server(const Address& address);
-  // Gives answers that are being sent one second, and tells those who wait for a picture that it has ended.
+  // Allows one second to finish sending answers, and tells clients that wait for an image that the server has
+  // ended.
   ~Server();
   Server(const Server&) = delete;
 
-  // Returns the address for browsers. It has the token that is required where other machines can connect.
+  // Returns the address for browsers. It contains the token if other machines can connect.
   const std::string& url() const;
-  void start(std::string page);     // begins to answer
+  void start(std::string page);     // starts to answer requests
   void publish(std::string state);  // JSON, for /state
 
   using Draw = std::function<Picture(const PictureRequest&)>;
-  // Waits up to `wait` for a request, has `draw` answer the oldest, and returns whether there was one. An
-  // exception of `draw`, of whatever type, becomes the answer to the request and goes no further.
+  // Waits up to `wait` for a request, answers the oldest one with `draw`, and returns whether there was a
+  // request. If `draw` throws an exception of any type, it becomes the answer to the request and is not
+  // passed on.
   bool serve(std::chrono::milliseconds wait, const Draw& draw);
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Takes the place of the other files in builds without cpp-httplib or OpenCV.
+// Replaces the other files in builds without cpp-httplib or OpenCV.
 #include "host/base/error.hpp"
 #include "host/look/serve/live.hpp"
 

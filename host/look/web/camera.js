@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's camera: where it stands, how it is turned (rows right, down, forward in the world), how far in
-// front of it lies what it looks at, and its lens. Axes as in docs/data.md: x right, y down, z forward.
+// ViewCamera is the viewer's camera: its position, its orientation (rows right, down, forward in the world),
+// the distance of its target in front of it, and its lens. Axes as in docs/data.md: x right, y down, z
+// forward.
 'use strict';
 
 const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
@@ -8,7 +9,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => a.map((v) => v / (Math.hypot(...a) || 1));
 
-// v turned about the unit axis.
+// Returns v rotated about a unit axis.
 function turned(v, axis, angle) {
   const c = Math.cos(angle), s = Math.sin(angle), along = dot(axis, v) * (1 - c), side = cross(axis, v);
   return v.map((x, i) => c * x + s * side[i] + along * axis[i]);
@@ -40,7 +41,7 @@ class ViewCamera {
 
   get target() { return add(this.centre, this.axes[2], this.distance); }
 
-  // The lens shows on a canvas of this size all that it shows on its own.
+  // Returns the camera for a canvas of this size. The canvas shows at least the complete image of the lens.
   on(width, height) {
     const l = this.lens, s = Math.min(width / l.width, height / l.height);
     return {
@@ -58,8 +59,8 @@ class ViewCamera {
 
   turnAxes(axis, angle) { this.axes = this.axes.map((a) => unit(turned(a, axis, angle))); }
 
-  // About the target: `across` radians about the scene's up, `upwards` over the camera's right, not beyond
-  // the poles.
+  // Orbits the target: `across` radians about the scene's up axis and `upwards` about the camera's right
+  // axis, but not past the poles.
   orbit(across, upwards) {
     const target = this.target, up = unit(this.scene.up);
     this.turnAxes(up, -across);
@@ -69,7 +70,7 @@ class ViewCamera {
     this.centre = add(target, this.axes[2], -this.distance);
   }
 
-  // In pixels of a canvas of this size: what lies at the target's depth follows the pointer.
+  // Pans by pixels of a canvas of this size: points at the target's depth follow the pointer.
   pan(dx, dy, width, height) {
     const {fx, fy} = this.on(width, height);
     this.centre =
@@ -82,7 +83,7 @@ class ViewCamera {
     this.centre = add(target, this.axes[2], -this.distance);
   }
 
-  // In units of the target's distance; the target moves along.
+  // Moves the camera together with its target, in units of the target's distance.
   fly(right, down, forward) {
     [right, down, forward].forEach((v, k) => {
       this.centre = add(this.centre, this.axes[k], v * this.distance);
@@ -95,7 +96,7 @@ class ViewCamera {
     return numbers.map((v) => Number(v.toPrecision(6))).join(',');
   }
 
-  // False for what text() has not written.
+  // Reads a text of text(). Returns false for other texts.
   read(text) {
     const v = text.split(',').map(Number);
     if (v.length !== 15 || !v.every(Number.isFinite) || !(v[12] > 0 && v[13] > 0)) return false;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mouse, fingers and keys that move a camera (camera.js) over a canvas.
+// Controls moves a camera (camera.js) with mouse, touch and keys over a canvas.
 
 class Controls {
-  // `changed()` follows every movement; `keys`: further actions by their key; `wanted()`: whether the wheel is meant
-  // for the picture and not for the page.
+  // `changed()` is called after every movement; `keys` maps keys to further actions; `wanted()` returns
+  // whether the wheel should zoom the image instead of scrolling the page.
   constructor(canvas, camera, changed, keys, wanted = () => true) {
     Object.assign(this, {canvas, camera, changed, pointers: new Map()});
     const turn = 0.08;

@@ -35,7 +35,8 @@ std::string model_script(std::span<const std::byte> model, bool first = true) {
                      first ? " id=\"ubs-model\"" : "", base64(bytes));
 }
 
-// `model`: markup of the parts of the model that do not wait for the viewer.
+// `model`: the markup of the model data that the page contains before the viewer starts; empty if the page
+// adds the data after the viewer.
 std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, bool section,
                            const std::string& model) {
   return fmt::format("<div id=\"ubs-viewer\" class=\"{}\"></div>\n", section ? "section" : "page") +
@@ -65,7 +66,7 @@ std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::sp
   const PageCode script = viewer_script(), part = part_script();
   std::string body =
       kNoScript + element_markup(page, drawn, false, "") + fmt::format("<script>{}</script>\n", script.text);
-  // Behind the viewer, which shows each part as soon as the browser has it.
+  // The model data follow the viewer, which shows each part as soon as the browser has received it.
   std::size_t begin = 0;
   for (const std::size_t end : page.parts.empty() ? std::vector{model.size()} : page.parts) {
     body += model_script(model.subspan(begin, end - begin), begin == 0) +

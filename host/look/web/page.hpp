@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model as a page that shows it: one HTML document with the container (host/data/ubsz.hpp) and the viewer,
-// which fetches nothing. The same viewer as a part of other pages.
+// web_page() makes a page that shows a model: one HTML document with the model data (host/data/ubsz.hpp) and
+// the viewer, which loads nothing else. viewer_markup() makes the same viewer as a part of another page.
 #pragma once
 
 #include <array>
@@ -17,32 +17,34 @@
 
 namespace ubs::web {
 
-inline constexpr std::size_t kMaxCameras = 100;  // that a page offers
+inline constexpr std::size_t kMaxCameras = 100;  // maximum number of cameras in a page
 
 struct ViewerPage {
   std::string title;
   SceneFrame scene;
-  std::vector<View> cameras;  // to jump to; at least one, images are not looked at
-  std::size_t start = 0;      // among them
-  bool embed = false;         // in a frame of another page: controls are folded, the wheel waits for a click
-  std::vector<std::size_t>
-      parts;           // where those of the model end that are shown one after the other; none: one
-  std::string poster;  // URI of a still picture that is shown until the first frame; may be empty
+  std::vector<View> cameras;  // selectable cameras, at least one; images are not used
+  std::size_t start = 0;      // index of the initial camera
+  // For a frame in another page: controls are folded, and the wheel only zooms after a click.
+  bool embed = false;
+  // End of each part of the model data; the parts are shown one after the other. Empty: one part.
+  std::vector<std::size_t> parts;
+  // URI of a still image that is shown until the first frame; may be empty.
+  std::string poster;
 };
 
-// What each page of a scene is told of it: its frame, and the cameras to jump to.
+// Returns the data that every page of a scene needs: its frame, and the selectable cameras.
 Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
 
 PageCode viewer_style();
 PageCode viewer_script();
-PageCode part_script();  // tells the viewer of a further part of the model
+PageCode part_script();  // informs the viewer about a further part of the model
 std::string worker_script();
 
-// The element and its data, for a body that ends with viewer_script(); the model in one part. `section`: as a
-// part of a page.
+// Returns the viewer's element and data, for a body that ends with viewer_script(); the model is in one part.
+// `section`: the viewer is a section of a longer page.
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,
                           std::span<const std::byte> model, bool section);
-// What the content security policy of a page with a viewer says beside the hashes of style and script.
+// Directives of the content security policy of a page with a viewer, besides the hashes of style and script.
 inline constexpr const char* kViewerPolicy = "img-src data:; worker-src blob:";
 std::string web_page(const ViewerPage& page, const TrainSettings& drawn, std::span<const std::byte> model);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's controls, as ordinary labelled elements.
+// Panel has the viewer's controls, as ordinary labelled elements.
 'use strict';
 
 const KEYS =

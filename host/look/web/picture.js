@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's picture: draws the worker's records, the farthest first, into a float framebuffer, and from
-// there the chosen channel onto the canvas.
+// Picture renders the viewer's image: it draws the records from the worker, farthest first, into a
+// floating-point framebuffer, and then the selected channel onto the canvas.
 'use strict';
 
 const SPLAT_VERTEX = `#version 300 es
@@ -78,7 +78,8 @@ class Picture {
     if (!gl) throw new Error('This browser has no WebGL 2.');
     this.gl = gl;
     this.canvas = canvas;
-    // 32 bits where they can be blended, else 16: over keeps them better than sums from the front would.
+    // Use 32 bits if they can be blended, otherwise 16. Blending back to front keeps 16-bit values more
+    // accurate than accumulating from the front.
     const floats = gl.getExtension('EXT_color_buffer_float');
     this.format = floats && gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     if (!floats && !gl.getExtension('EXT_color_buffer_half_float'))
@@ -133,7 +134,7 @@ class Picture {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.texture, 0);
   }
 
-  // Records of a frame of the worker; kept until the next ones.
+  // Takes the records of a frame from the worker and keeps them until the next frame.
   take(frame) {
     const {gl} = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
@@ -175,7 +176,7 @@ class Picture {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  // RGBA of the canvas from the top row down; right after draw().
+  // Returns the RGBA values of the canvas, starting with the top row. Must be called directly after draw().
   pixels() {
     const {gl, width, height} = this, flipped = new Uint8Array(4 * width * height),
                       out = new Uint8Array(4 * width * height);

@@ -15,17 +15,17 @@
 namespace ubs::web {
 namespace {
 
-constexpr std::size_t kSensitiveViews = 48;  // that H is estimated from
-constexpr int kTrials = 6;                   // of the scale of all steps
-constexpr double kNear = 0.25;               // dB above the bound that is near enough
-constexpr double kMinRest = 0.02;            // of 1 - opacity, in importances
-// In Base64, with the viewer and a hundred cameras, 300 KB of a page.
+constexpr std::size_t kSensitiveViews = 48;  // maximum number of views that H is estimated from
+constexpr int kTrials = 6;                   // maximum number of trials to scale the steps
+constexpr double kNear = 0.25;               // [dB] above the bound that counts as close enough
+constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when computing the importance
+// In Base64, together with the viewer and a hundred cameras, this is a page of 300 KB.
 constexpr std::size_t kFirstLevelBytes = 135000;
 
-// One a group: H in the layout of the parameters.
+// H of each parameter, one vector per group in the layout of the parameters.
 struct Sensitivity {
   std::vector<std::vector<double>> squares;
-  double values = 0;  // pixels times channels
+  double values = 0;  // number of pixels times channels
 };
 
 Sensitivity sensitivity(ModelSession& session, std::size_t views) {
@@ -57,7 +57,7 @@ Sensitivity sensitivity(ModelSession& session, std::size_t views) {
   return out;
 }
 
-// Class by what the splat's parameters together do to the pictures.
+// Returns the class of each splat, from the effect of all its parameters on the images.
 std::vector<std::uint8_t> classes_of(const std::vector<double>& squares, std::size_t count,
                                      std::size_t rows) {
   std::vector<double> energy(count, 0.0);
@@ -79,7 +79,8 @@ std::vector<std::uint8_t> classes_of(const std::vector<double>& squares, std::si
   return classes;
 }
 
-// Steps with which each row causes `share` of the summed squared error of the pictures.
+// Returns the steps for which each row of parameters adds `share` to the squared error, summed over the
+// images.
 UbszSteps group_steps(const SplatModel& model, const std::vector<double>& squares, double share) {
   const std::size_t rows = static_cast<std::size_t>(model.layout().count), n = model.count;
   UbszSteps out{std::vector<double>(rows), classes_of(squares, n, rows)};
@@ -98,7 +99,7 @@ UbszSteps group_steps(const SplatModel& model, const std::vector<double>& square
   return out;
 }
 
-// Between two models, drawn by the session.
+// Returns the PSNR between the images of two models, which the session renders.
 ViewPsnr compare_models(ModelSession& session, const MixedModel& exact, const MixedModel& other,
                         std::size_t views) {
   std::vector<std::vector<float>> pictures;
@@ -108,7 +109,7 @@ ViewPsnr compare_models(ModelSession& session, const MixedModel& exact, const Mi
                                false);
     return session.renderer().download().rgb;
   };
-  constexpr std::size_t kHeld = 16;  // exact pictures in memory
+  constexpr std::size_t kHeld = 16;  // number of exact images in memory
   for (std::size_t first = 0; first < views; first += kHeld) {
     const std::size_t end = std::min(views, first + kHeld);
     pictures.clear();
@@ -138,8 +139,9 @@ MixedModel rounded_groups(const MixedModel& model, const std::vector<UbszSteps>&
   return out;
 }
 
-// Splats by what the pictures lose without them, the most important first: the squared error of the pixels
-// if it were linear in the opacity, whose derivative by the raw value is o (1 - o).
+// Returns the splats sorted by importance, the most important first. The importance is an estimate of the
+// squared error of the pixels if the splat was removed. It assumes that the pixels are linear in the opacity
+// o, whose derivative with respect to its raw value is o (1 - o).
 std::vector<std::size_t> by_importance(const MixedModel& model, const Sensitivity& h) {
   std::vector<double> losses;
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
@@ -172,7 +174,8 @@ UbszLevel level_of(const MixedModel& model, const std::vector<UbszSteps>& steps,
   return level;
 }
 
-// Each level brings three times as many splats as there are before it; the first one fits kFirstLevelBytes.
+// Makes the levels. Each level has three times as many splats as all levels before it; the first level fits
+// into kFirstLevelBytes.
 std::vector<UbszLevel> make_levels(const MixedModel& model, const std::vector<UbszSteps>& steps,
                                    const std::vector<std::size_t>& order, std::size_t all_bytes, int levels) {
   std::vector<UbszLevel> out;
@@ -198,7 +201,7 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
                                     const std::function<void(const std::string&)>& note) {
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
-  double wanted = psnr + kNear / 2;  // of the estimate
+  double wanted = psnr + kNear / 2;  // target for the estimate
   std::vector<UbszSteps> steps, best;
   for (int trial = 0; trial < kTrials; ++trial) {
     const double share = std::pow(10.0, -wanted / 10) * h.values / static_cast<double>(rows);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How coarsely a model may be rounded (host/data/ubsz.hpp) so that its pictures stay within a stated PSNR of
-// the exact ones, over a set of cameras.
+// pack_for_web() compresses a model by rounding its parameters (host/data/ubsz.hpp). It chooses the
+// quantisation steps so that the images of a set of cameras keep a given PSNR against those of the exact
+// model.
 #pragma once
 
 #include <functional>
@@ -14,19 +15,19 @@
 namespace ubs::web {
 
 struct ViewPsnr {
-  double mean = 0, worst = 0;  // over the views, of the joint error of pixels clamped to [0, 1] [dB]
+  double mean = 0, worst = 0;  // joint PSNR of pixels clamped to [0, 1], over the views [dB]
 };
 
-// The error that rounding a parameter makes is taken as independent: with steps d the squared error of the
-// pictures is sum H d^2 / 12, H the sum of squares of the derivatives of all pixels. H of every parameter
-// comes from one backward pass a view whose pixels have gradients of +1 or -1 by chance. Every row gets an
-// equal part of the error, which is best where an entropy coder follows; splats that the pictures need less
-// have steps 2^k times as large. Then all steps are scaled until the drawn pictures of all views keep `psnr`
-// in the mean.
+// How the steps are chosen: the rounding errors of the parameters are assumed to be independent. With steps
+// d, the squared error of the images is then sum H d^2 / 12, where H is the sum of the squared derivatives of
+// all pixels. One backward pass per view, with pixel gradients that are randomly +1 or -1, estimates H of
+// every parameter. Every row of parameters gets an equal share of the error, which is optimal if an entropy
+// coder follows. Splats that affect the images less have steps 2^k times as large. Finally, all steps are
+// scaled until the rendered images of all views reach `psnr` on average.
 struct PackedForWeb {
   std::vector<std::byte> bytes;
   ViewPsnr psnr;
-  // With levels: how many bytes, splats and what error has the file up to the end of each.
+  // For files with levels: the bytes, the splats and the PSNR of the file up to the end of each level.
   struct Level {
     std::size_t bytes = 0, splats = 0;
     ViewPsnr psnr;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer: one element with a canvas and its controls. The worker slices, projects and sorts; here are the
-// state, the order of frames, and what people do with mouse, fingers and keys.
+// Viewer is one element with a canvas and its controls. The worker slices, projects and sorts the splats.
+// This file has the state, the scheduling of frames, and the input from mouse, touch and keys.
 'use strict';
 
 const CHANNELS = ['colour', 'alpha', 'depth'];
-const FRAME_MS = 33;  // resolution is lowered while things move and frames take longer
+const FRAME_MS = 33;  // if frames take longer while something moves, the resolution is lowered
 
 function element(name, attributes = {}, ...children) {
   const e = document.createElement(name);
@@ -51,7 +51,7 @@ class Viewer {
     this.ready = new Promise((resolve) => {
       this.opened = resolve;
     });
-    this.complete = new Promise((resolve) => {  // all levels are there
+    this.complete = new Promise((resolve) => {  // resolves when all levels are loaded
       this.completed = resolve;
     });
     try {
@@ -74,7 +74,7 @@ class Viewer {
     this.feed();
   }
 
-  // The parts of the model that the page has by now.
+  // Sends the worker the parts of the model that the page has loaded so far.
   feed() {
     const parts = document.getElementsByClassName('ubs-model');
     while (this.worker && this.parts < parts.length)
@@ -86,7 +86,7 @@ class Viewer {
   }
 
   fail(text) {
-    if (this.failed) return;  // the first one says why
+    if (this.failed) return;  // the first message states the cause
     this.message.textContent = `The model cannot be shown: ${text}`;
     this.message.hidden = false;
     this.failed = text;
@@ -118,7 +118,7 @@ class Viewer {
     requestAnimationFrame(() => this.draw());
   }
 
-  // Something has changed that the worker must hear of.
+  // Called after a change that requires a new frame from the worker.
   change() {
     this.dirty = true;
     if (!this.busy && this.model) this.request();
@@ -153,8 +153,8 @@ class Viewer {
     this.panel.show();
   }
 
-  // Holds the rate by the resolution: lower while frames follow one another and are late, full when all is
-  // still.
+  // Keeps the frame rate by changing the resolution: lowers it while consecutive frames are late, and
+  // restores it when nothing moves.
   hold(now) {
     const passed = now - (this.before || 0);
     this.before = now;
@@ -177,7 +177,7 @@ class Viewer {
       }, 300);
   }
 
-  // ---- What moves by itself ----
+  // ---- Animation ----
   tick(now) {
     const passed = Math.min(0.1, (now - (this.ticked || now)) / 1000);
     this.ticked = now;
@@ -226,7 +226,7 @@ class Viewer {
     if (this.last) requestAnimationFrame(() => this.draw());
   }
 
-  // ---- Links and pictures ----
+  // ---- Links and screenshots ----
   link() {
     const page = location.href.split('#')[0];
     return `${page}#view=${this.camera.text()}&channel=${CHANNELS[this.channel]}`;
@@ -244,7 +244,7 @@ class Viewer {
     this.panel.say(copied ? 'Link copied.' : 'The link is in the address bar.');
   }
   screenshot() {
-    this.draw();  // in the same task as the copy: the canvas keeps nothing
+    this.draw();  // in the same task as the copy, because the canvas does not keep its content
     this.canvas.toBlob((blob) => {
       const url = URL.createObjectURL(blob),
             a = element('a', {href: url, download: `${this.options.title}.png`});
@@ -254,7 +254,7 @@ class Viewer {
     });
   }
 
-  // ---- Mouse, fingers, keys ----
+  // ---- Mouse, touch, keys ----
   listen() {
     const c = this.canvas, hold = (key) => () => (this.held.add(key), this.start());
     const keys = {
@@ -265,7 +265,7 @@ class Viewer {
       c: () => this.setChannel((this.channel + 1) % 3),
     };
     for (const key of ['w', 'a', 's', 'd', 'q', 'e', 'shift']) keys[key] = hold(key);
-    // In a page with other things the wheel scrolls until the picture has been touched.
+    // If the page has other content, the wheel scrolls it until the canvas has been clicked.
     new Controls(c, this.camera, () => this.change(), keys, () => this.options.page || document.activeElement === c);
     c.addEventListener('keyup', (e) => this.held.delete(e.key.toLowerCase()));
     c.addEventListener('blur', () => this.held.clear());
@@ -276,8 +276,8 @@ class Viewer {
     });
   }
 
-  // ---- For programs ----
-  // Resolves when a picture of the present state has been drawn.
+  // ---- For tests and scripts ----
+  // Resolves when an image of the current state has been rendered.
   settled() {
     if (this.failed) return Promise.resolve();
     this.change();
@@ -296,6 +296,6 @@ function ubsViewers() {
   root.viewer = new Viewer(root, options, text('ubs-worker'));
   addEventListener('DOMContentLoaded', () => root.viewer.end());
 }
-// Said by the page behind each part of the model.
+// The page calls this after each part of the model.
 function ubsPart() { document.getElementById('ubs-viewer').viewer.feed(); }
 ubsViewers();

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's worker: unpacks the model (docs/web.md), prepares what of a splat does not depend on the
-// query, and for each frame slices, projects and sorts the splats. Formulas and numbers of sections:
-// docs/method.md. Double precision throughout, so none of the remedies of kernels/math against rounding are
-// needed.
+// This is the worker (a background thread) of the viewer. It unpacks the model (docs/web.md) and precomputes
+// the values of each splat that do not depend on the query. For each frame it slices, projects and sorts the
+// splats. Section numbers and formulas are those of docs/method.md. Everything is computed in double
+// precision, so the measures against rounding errors in kernels/math are not needed.
 'use strict';
 
 const CLASSES = 6, PLACE_BITS = 17;
-const RECORD = 12;  // floats a drawn splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach
+// Floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
+const RECORD = 12;
 
 // ---- Container ----
 function crc32(bytes) {
@@ -26,7 +27,7 @@ async function inflate(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Every third bit of the 51 of a place; `high` are those from 24 on.
+// Collects every third bit of the 51 bits of a position; `high` has the bits from 24 on.
 function gather(low, high, axis) {
   let v = 0;
   for (let b = 0; b < PLACE_BITS; ++b) {
@@ -36,14 +37,14 @@ function gather(low, high, axis) {
   return v;
 }
 
-// Steps from the centre of a coordinate's code; far away each doubling of the distance doubles the step.
+// Decodes a coordinate to steps from the centre. Far from it, each doubling of the distance doubles the step.
 function farSteps(code) {
   const beyond = Math.abs(code) - 8192;
   if (beyond < 0) return code;
   return Math.sign(code) * (4096 + beyond % 4096 + 0.5) * 2 ** (Math.floor(beyond / 4096) + 1);
 }
 
-// Rows of parameters of one group, as kernels/layout.h has them.
+// Returns the rows of parameters of one group, in the order of kernels/layout.h.
 function readGroup(group, names, take) {
   const n = group.splats, rows = [];
   for (let r = 0; r < names; ++r) rows.push(new Float32Array(n));
@@ -93,7 +94,7 @@ function readGroup(group, names, take) {
   return rows;
 }
 
-// Row numbers of the parameters (ParameterLayout of host/scene/splat_model.hpp).
+// Returns the row numbers of the parameters (ParameterLayout in host/scene/splat_model.hpp).
 function layoutOf(dim, s) {
   const degree = Number(s.colour[2]), lobes = s.colour.startsWith('sb') ? degree : 0;
   const harmonics = lobes ? 1 : s.colour === 'rgb' ? 0 : (degree + 1) ** 2, C = dim - 3;
@@ -119,7 +120,8 @@ const SWITCHES = {
   conditioning: 'covariance'
 };
 
-// The header of a file that begins with these bytes, its levels, and where the first of them begins.
+// Parses the header of a file that starts with these bytes. Returns it with its levels and the offset of the
+// first level.
 function readHeader(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('no UBSZ file');
@@ -138,7 +140,7 @@ function readHeader(bytes) {
   };
 }
 
-// The groups of a level.
+// Unpacks the groups of a level.
 async function unpack(level, switches, bytes) {
   const payload = await inflate(bytes).catch(() => {
     throw new Error('the model is damaged');
@@ -157,12 +159,12 @@ async function unpack(level, switches, bytes) {
   return groups;
 }
 
-// ---- What does not depend on the query ----
+// ---- Values that do not depend on the query ----
 const softplus = (x) => Math.max(x, 0) + Math.log1p(Math.exp(-Math.abs(x)));
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
 const triangle = (i, j) => i * (i - 1) / 2 + j;
 
-// R of section 2.1 and 8, row-major.
+// Returns R of sections 2.1 and 8, row-major.
 function rotationMatrix(mode, a) {
   if (mode === 'quaternion') {
     const length = Math.max(Math.hypot(a[0], a[1], a[2], a[3]), 1e-12);
@@ -191,8 +193,9 @@ function rotationMatrix(mode, a) {
   return R;
 }
 
-// The factor L of the covariance: its spatial rows M (3 x F) and its query rows B (C x N), with the floors of
-// kernels/limits.h. In the direct form (section 9) a row of B is Theta and behind it one of the precision's factor.
+// Returns the factor L of the covariance, with the lower limits of kernels/limits.h: its spatial rows M (3 x
+// F) and its query rows B (C x N). In the direct form (section 9) a row of B is a row of Theta followed by a
+// row of the factor of the precision.
 function factorOf(e, l, s) {
   const N = l.dim, scale = [];
   for (let k = 0; k < N; ++k) scale.push(softplus(e[l.scale + k]));
@@ -238,7 +241,7 @@ function factorOf(e, l, s) {
   return {M, B, F, scale};
 }
 
-// B = Lh Q with orthonormal rows of Q, then the inverse of Lh, lower triangles both.
+// Factorises B = Lh Q, where the rows of Q are orthonormal, and inverts Lh; both are lower triangles.
 function factorise(B, N) {
   const C = B.length, lh = B.map(() => new Array(C).fill(0)), q = [];
   for (let i = 0; i < C; ++i) {
@@ -265,7 +268,7 @@ function factorise(B, N) {
   return {q, inverse};
 }
 
-// Column j of G of the direct form: s sum_i w_i (L L^T)_ij Theta_i, s the mean scale.
+// Returns column j of G in the direct form: s sum_i w_i (L L^T)_ij Theta_i, where s is the mean scale.
 function directColumn(B, j, weight, scale) {
   const G = [0, 0, 0];
   B.forEach((row, i) => {
@@ -276,9 +279,9 @@ function directColumn(B, j, weight, scale) {
   return G;
 }
 
-// A group ready to be sliced. `fixed`, `stride` floats a splat: place 3, opacity, beta, mean C, exponents C,
-// G 3C, inverse of Lh C(C+1)/2 (direct: L by columns), colour; `covariance`: V at any query (section 2.3), which
-// does not depend on it.
+// Prepares a group for slicing. `fixed` has `stride` floats per splat: position 3, opacity, beta, mean C,
+// exponents C, G 3C, inverse of Lh C(C+1)/2 (direct form: L by columns), colour. `covariance` is V (section
+// 2.3), which is the same for every query.
 function prepare(group, s) {
   const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = 3 * Math.max(l.harmonics, 1);
   const at = {mean: 5};
@@ -303,7 +306,8 @@ function prepare(group, s) {
     for (let k = 0; k < 3; ++k) fixed[to + k] = e[k];
     fixed[to + 3] = length <= 1e24 ? sigmoid(e[l.opacity]) : 0;
     fixed[to + 4] = s.kernel === 'beta' ? 4 * Math.exp(Math.min(e[l.beta], 7.5)) : 0;
-    // Harmonics: the constant terms of the channels, then each channel's others; here channel by channel.
+    // The parameters have the constant harmonics of all channels first, then the others of each channel;
+    // `fixed` has all harmonics of one channel after the other.
     for (let c = 0; c < 3 && l.harmonics; ++c)
       for (let k = 0; k < l.harmonics; ++k)
         fixed[to + at.colour + c * l.harmonics + k] = e[l.rgb + (k ? 3 + c * (l.harmonics - 1) + k - 1 : c)];
@@ -337,7 +341,7 @@ function prepare(group, s) {
         for (let i2 = j; i2 < C; ++i2) fixed[entry++] = B[i2][3 + j];
       }
       for (let j = 0; j < C && !direct; ++j) {
-        // Column j of U^T Lh^-1 diag(w), or of U^T diag(w) Lh^-1, and its part of K.
+        // Column j of U^T Lh^-1 diag(w), or of U^T diag(w) Lh^-1, and its contribution to K.
         column.fill(0);
         for (let i2 = j; i2 < C; ++i2) {
           const times = inverse[i2][j] * weight[whiten ? i2 : j];
@@ -368,13 +372,14 @@ function prepare(group, s) {
   return {C, n, at, stride, fixed, covariance, harmonics: l.harmonics, lobes: l.lobes};
 }
 
-// ---- Choice by betas ----
-// Places of the splats in the order of their beta, as host/api/decompose.hpp has them; null where there is
-// none.
+// ---- Selection by betas ----
+// Returns the quantile of each splat in the order of its beta, like host/api/decompose.hpp; null if the model
+// has no such beta.
 function quantiles(model, kind) {
   const {groups, switches: s} = model;
   const angular = (dim) => dim >= 6, temporal = (dim) => dim === 4 || dim === 5 || dim >= 7;
-  const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';  // weights, in the rows of betas
+  // In this case the rows of betas contain weights.
+  const learnt = s.conditioning === 'direct' && s.beta_opacity !== 'tanh';
   const has = (l) =>
       (kind === 'spatial' ? s.kernel === 'beta' :
                             l.mean > l.queryBeta && !learnt &&
@@ -404,7 +409,7 @@ function quantiles(model, kind) {
 }
 
 // ---- A frame ----
-// ln(1 - tanh u) by linear interpolation: error 1.3e-7.
+// ln(1 - tanh u) by linear interpolation; the error is at most 1.3e-7.
 const LN_STEP = 1 / 1024, LN_END = 8.4;
 const LN = Float64Array.from({length: LN_END / LN_STEP + 2},
     (_, i) => Math.LN2 - 2 * i * LN_STEP - Math.log1p(Math.exp(-2 * i * LN_STEP)));
@@ -429,9 +434,10 @@ function harmonic(f, at, count, x, y, z) {
   return Math.max(0, v);
 }
 
-const LEAST_OPACITY = 1e-5;  // a hundred of them, one behind the other, change a pixel by a quarter of 1/255
+const LEAST_OPACITY = 1e-5;  // a hundred of them in a row change a pixel by a quarter of 1/255
 
-// Records of the splats that are seen, in the order of the model, and their depths; how many.
+// Computes the records of the visible splats, in the order of the model, and their depths. Returns their
+// number.
 function project(model, camera, chosen, records, depths) {
   const {switches: s, prepared} = model;
   const [r00, r01, r02, r10, r11, r12, r20, r21, r22] = camera.rotation, [ox, oy, oz] = camera.centre;
@@ -540,7 +546,8 @@ function project(model, camera, chosen, records, depths) {
   return drawn;
 }
 
-// Indices by rising depth, equal depths in the order of the model: bits of positive floats rise with them.
+// Sorts indices by increasing depth; equal depths keep the order of the model. The bits of positive floats
+// have the same order as their values.
 class Sorter {
   constructor(n) {
     this.from = new Uint32Array(n);
@@ -568,7 +575,8 @@ class Sorter {
 // ---- Messages ----
 const state = {bytes: new Uint8Array(0), ranges: {}};
 
-// A further part of the file: each level that it completes is shown with those before it.
+// Adds a further part of the file. Each level that is now complete is shown together with the levels before
+// it.
 async function open(data) {
   const text = atob(data.model), before = state.bytes;
   state.bytes = new Uint8Array(before.length + text.length);
@@ -624,7 +632,7 @@ function show(level) {
   });
 }
 
-// No further parts will come.
+// Called when no further parts will arrive.
 function end() {
   if (!state.header || state.next < state.header.levels.length) throw new Error('the model is cut off');
   if (state.surplus) throw new Error('the model holds more than its header says');
@@ -651,7 +659,7 @@ function frame(data) {
   const out = data.buffer && data.buffer.byteLength >= 4 * drawn * RECORD ?
       new Float32Array(data.buffer) :
       new Float32Array(Math.max(1, Math.min(state.n, Math.ceil(1.3 * drawn))) * RECORD);
-  for (let i = 0, o = 0; i < drawn; ++i) {  // the farthest first
+  for (let i = 0, o = 0; i < drawn; ++i) {  // farthest first
     const from = order[drawn - 1 - i] * RECORD;
     for (let k = 0; k < RECORD; ++k) out[o++] = records[from + k];
   }
@@ -672,7 +680,7 @@ function frame(data) {
       [out.buffer]);
 }
 
-// One message after the other: a frame does not come between the halves of a level.
+// Messages are handled one after the other, so that no frame is rendered while a level is half loaded.
 const answers = {
   part: open,
   end,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The functions of gsplat 1.5 (https://github.com/nerfstudio-project/gsplat) on every device of ubs, with the same names,
-arguments and results: scripts for gsplat run where there is no CUDA. docs/gsplat.md has what is there and what is not.
+arguments and results. Scripts for gsplat can run on machines without CUDA. docs/gsplat.md lists what is supported.
 
     from ubs.gsplat import rasterization
     images, alphas, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, height)
 
-PyTorch is needed, gsplat is not. Any thread may call any function."""
+Requires PyTorch, but not gsplat. Thread-safe."""
 
 from .rendering import RollingShutterType, fully_fused_projection, rasterization, spherical_harmonics
 from .strategy import DefaultStrategy, MCMCStrategy, Strategy

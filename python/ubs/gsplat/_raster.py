@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws projected Gaussians, ellipses in an image, as a differentiable function of PyTorch.
+"""Renders projected Gaussians, which are ellipses in an image, as a differentiable function of PyTorch.
 
-The renderer of the library takes splats in space. So each ellipse is given to it as a flat splat, parallel to the
-image plane of a pinhole camera at the origin, at the depth of the Gaussian and of such a size that this camera sees
-the ellipse. The gradients of these splats are those of the ellipses times known factors."""
+The renderer of the library needs splats in 3D space. So each ellipse is converted to a flat splat, parallel to the
+image plane of a pinhole camera at the origin. It is at the depth of the Gaussian, and its size is such that this camera
+sees the ellipse. The gradients of the ellipses are those of these splats times known factors."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Result = TypeVar("Result")
 
 NAMES = ("xyz", "rgb", "opacity", "scale", "l_triangle")
 WIDTHS = (3, 3, 1, 3, 3)
-# Depth of a flat splat, as a part of its larger half-axis: a little more than the least that the kernels leave as it is
-# (UBS_NEEDLE_CHOLESKY of kernels/limits.h).
+# Thickness of a flat splat, relative to its larger half-axis. The kernels raise smaller values than UBS_NEEDLE_CHOLESKY
+# (kernels/limits.h) to that minimum; this value is slightly above it.
 THICKNESS = 4e-4
-BEHIND = -1.0  # a depth that no camera sees
-FREE_SLOTS = 3  # renderers that are kept, of all devices
+BEHIND = -1.0  # a depth that is not visible to any camera
+FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 
 class Slot:
-    """A renderer with room for a number of splats. Rows that hold none lie behind the camera. Whoever uses it holds
-    its lock."""
+    """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
+    lock while using it."""
 
     def __init__(self, device: Device, room: int) -> None:
         self.device, self.room = device, room
@@ -48,10 +48,10 @@ class Slot:
             raise UsageError(f"the library has the parameters {tuple(values)}, ubs.gsplat expects {NAMES}: update both")
         self.host = [torch.from_numpy(values[name].T) for name in NAMES]
         self.used = room
-        self.holds: object = None  # what the values belong to, see put()
+        self.holds: object = None  # identifies the current values, see put()
         try:
             self.renderer.array("parameters")
-            self.shared = True  # with other packages: CUDA, or a CPU with PoCL
+            self.shared = True  # memory is shared with other packages: CUDA, or a CPU with PoCL
         except UsageError:
             self.shared = False
 
@@ -60,7 +60,7 @@ class Slot:
         return tensor
 
     def put(self, holder: object, values: dict[int, Tensor]) -> None:
-        """Copies rows (values of one, splats) to the device; keys are positions in NAMES."""
+        """Copies rows (values per splat, splats) to the device; keys are positions in NAMES."""
         self.holds = None
         parts = list(self._array("parameters").split(WIDTHS)) if self.shared else self.host
         for k, value in values.items():
@@ -76,7 +76,7 @@ class Slot:
         self.holds = holder
 
     def draw(self, camera: Camera, where: torch.device) -> tuple[Tensor, Tensor]:
-        """Copies of the picture (H, W, 3) and of its alpha (H, W)."""
+        """Renders, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
         if not self.shared:
             image = self.renderer.render(camera)
             return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)
@@ -88,7 +88,7 @@ class Slot:
         return rgb, alpha
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> list[Tensor]:
-        """Gradients of the used rows, as of NAMES. Good until the next call."""
+        """Returns gradients of the used rows, in the order of NAMES. They are valid until the next call."""
         if self.shared and v_rgb is not None and v_alpha is None:
             array = self.renderer.array("v_rgb", size=(camera.height, camera.width))
             into = cast(Any, torch).from_dlpack(array)
@@ -107,17 +107,18 @@ class Slot:
 
 
 def _wait(*tensors: Tensor) -> None:
-    """The library does not know of the streams of torch."""
+    """Waits for the streams of torch, because the library does not synchronise with them."""
     for device in {tensor.device for tensor in tensors if tensor.is_cuda}:
         torch.cuda.current_stream(device).synchronize()
 
 
-_slots: list[Slot] = []  # the one used last is at the end
+_slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
 def slot_for(device: DeviceLike, count: int) -> Slot:
-    """A kept renderer with room for `count` splats and not for many times more, or a new one with room to grow."""
+    """Returns a kept renderer whose capacity fits `count` splats and is not many times larger, or a new one with
+    reserve."""
     where = opened(device)
     with _slots_lock:
         fitting = [s for s in _slots if s.device is where and count <= s.room <= 4 * count + 4096]
@@ -125,7 +126,7 @@ def slot_for(device: DeviceLike, count: int) -> Slot:
             slot = min(fitting, key=lambda s: s.room)
             _slots.remove(slot)
         else:
-            # One that became too small for its scene is in the way.
+            # Remove renderers that have become too small for their scene.
             _slots[:] = [s for s in _slots if s.device is not where or not count / 2 <= s.room < count]
             slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256)
         _slots.append(slot)
@@ -138,10 +139,10 @@ def _scale_inverse(scale: Tensor) -> Tensor:
 
 
 def extremes(tensor: Tensor) -> tuple[float, float]:
-    """Least and greatest value, not a number where one is none; 0 of an empty tensor."""
+    """Returns the minimum and the maximum, NaN if a value is NaN, and 0 for an empty tensor."""
     if tensor.numel() == 0:
         return 0.0, 0.0
-    low, high = torch.aminmax(tensor.detach())  # one pass, where torch.isfinite takes several
+    low, high = torch.aminmax(tensor.detach())  # one pass, while torch.isfinite takes several
     return float(low), float(high)
 
 
@@ -150,7 +151,7 @@ def is_finite(tensor: Tensor) -> bool:
 
 
 class Rows:
-    """The parameters of the flat splats that show ellipses, and the factors of their gradients."""
+    """The parameters of the flat splats that represent ellipses, and the factors of their gradients."""
 
     def __init__(
         self, size: tuple[int, int], means2d: Tensor, factor: Tensor, depths: Tensor, opacities: Tensor
@@ -164,9 +165,10 @@ class Rows:
         factor = torch.where(drawn, factor, one)
         opacities = torch.where(drawn, opacities, zero)
         z = torch.where(drawn, depths, one)
-        # A power of two times the depth, which changes no order: then scales are near one, where softplus is exact.
+        # Scale the depth by a power of two. This keeps the order, and makes the scales close to one, where softplus is
+        # exact.
         larger = 2.0 ** math.ceil(math.log2(focal))
-        self.unit = z * (larger / focal)  # of a pixel, at the depth of the splat
+        self.unit = z * (larger / focal)  # size of a pixel at the depth of the splat
         self.xyz = torch.cat([centre * self.unit, torch.where(drawn, z * larger, z * BEHIND)[None]])
         l00, l10, l11 = factor
         thin = torch.maximum(l00, l11) * THICKNESS
@@ -178,7 +180,7 @@ class Rows:
         return {0: self.xyz, 2: self.opacity, 3: self.scale, 4: self.triangle}
 
     def gradients(self, v: list[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """With respect to means2d, factor and opacities."""
+        """Returns the gradients with respect to means2d, factor and opacities."""
         v_xyz, _, v_opacity, v_scale, v_triangle = v
         v_scale = v_scale[:2] / torch.sigmoid(self.scale[:2]) * self.unit
         v_factor = torch.stack([v_scale[0], v_triangle[0] * self.unit, v_scale[1]])
@@ -187,14 +189,14 @@ class Rows:
 
 
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
-    """torch's once_differentiable, which has no types."""
+    """torch's once_differentiable, which has no type annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
     return made
 
 
 class Draw(torch.autograd.Function):
     """Inputs: (width, height), a device of ubs, means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities
-    (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device draws three channels at a time."""
+    (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a time."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
@@ -236,7 +238,7 @@ class Draw(torch.autograd.Function):
             rows = Rows(ctx.size, means2d, factor, depths, opacities)
             passes = range(0, max(channels, 1), 3) if v_image is not None else range(1)
             with slot.lock:
-                for first in reversed(passes):  # what was drawn last is still there
+                for first in reversed(passes):  # starts with the last rendered channels, which are still on the device
                     if slot.holds is None or slot.holds != (ctx.holder, first):
                         mine = slot.holds is not None and slot.holds[0] is ctx.holder
                         values = {1: _three(colors, first, depths)}
@@ -262,7 +264,7 @@ def _padded(tensor: Tensor) -> Tensor:
 
 
 def _three(colors: Tensor, first: int, depths: Tensor) -> Tensor:
-    """Three channels from `first` on, as rows."""
+    """Returns three channels starting with `first`, as rows."""
     part = _padded(colors[:, first : first + 3]).T
     return torch.where(depths > 0, part, torch.zeros_like(part))
 
@@ -276,8 +278,9 @@ def draw(
     colors: Tensor,
     opacities: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """An image (H, W, D) of ellipses, without a background, and its alpha (H, W). means2d (n, 2) [px]; factor (3, n):
-    l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,), which decide the order, and hide
-    what is not above 0; colors (n, D); opacities (n,), 0 to 1."""
+    """Renders ellipses. Returns an image (H, W, D) without a background, and its alpha (H, W).
+
+    means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
+    which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1."""
     image, alpha = Draw.apply(size, device, means2d, factor, depths, colors, opacities)
     return image, alpha

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Projection of Gaussians and their drawing, with the names and arguments of gsplat 1.5."""
+"""Projection and rendering of Gaussians, with the names and arguments of gsplat 1.5."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ._raster import draw, extremes, is_finite
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
-LEAST_ALPHA = 1 / 255  # what is less is not drawn
-REACH = 3.33  # standard deviations that radii cover at most
+LEAST_ALPHA = 1 / 255  # splats with a lower alpha are not rendered
+REACH = 3.33  # maximum number of standard deviations that radii cover
 
 
 class RollingShutterType(Enum):
-    """How a camera reads its rows. ubs draws with GLOBAL alone."""
+    """How a camera reads its rows. ubs only supports GLOBAL."""
 
     ROLLING_TOP_TO_BOTTOM = 0
     ROLLING_LEFT_TO_RIGHT = 1
@@ -87,7 +87,7 @@ _C4 = [math.sqrt(f / math.pi) for f in (315 / 16, 315 / 32, 45 / 16, 45 / 32, 9 
 
 
 def _harmonics(degree: int, x: Tensor, y: Tensor, z: Tensor) -> list[Tensor]:
-    """Values of the basis functions at unit vectors."""
+    """Returns the values of the basis functions at unit vectors."""
     found = [torch.full_like(x, _C0)]
     if degree >= 1:
         found += [-_C1 * y, _C1 * z, -_C1 * x]
@@ -128,8 +128,8 @@ def _harmonics(degree: int, x: Tensor, y: Tensor, z: Tensor) -> list[Tensor]:
 def spherical_harmonics(
     degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Optional[Tensor] = None
 ) -> Tensor:
-    """Colours (..., 3) from coefficients (..., K, 3) and directions (..., 3), which need no unit length; degrees 0 to 4.
-    0 where masks (...) are False. Nothing is added: rasterization() adds 0.5 and clamps at 0."""
+    """Returns colours (..., 3) from coefficients (..., K, 3) and directions (..., 3) of any length, for degrees 0 to 4.
+    Colours are 0 where masks (...) are False. Nothing is added: rasterization() adds 0.5 and clamps at 0."""
     if isinstance(degrees_to_use, bool) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
     count = (int(degrees_to_use) + 1) ** 2
@@ -150,7 +150,7 @@ def spherical_harmonics(
 
 
 def _axes(quats: Tensor, scales: Tensor) -> Tensor:
-    """Rotation times scales (3, 3, B, N), from (B, N, 4), w first, of any length but 0, and (B, N, 3)."""
+    """Returns rotation times scales (3, 3, B, N), from quats (B, N, 4), w first, not 0, and scales (B, N, 3)."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     columns = [
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
@@ -162,7 +162,7 @@ def _axes(quats: Tensor, scales: Tensor) -> Tensor:
 
 
 class _Projected:
-    """Gaussians as the cameras see them: arrays (..., B, C, N)."""
+    """Gaussians as seen by the cameras: arrays (..., B, C, N)."""
 
     def __init__(
         self,
@@ -183,13 +183,13 @@ class _Projected:
         x, y, z = rotation[:, 0] * point[0] + rotation[:, 1] * point[1] + rotation[:, 2] * point[2] + shift
         self.depths = z
         self.seen = (z >= planes[0]) & (z <= planes[1]) & (z > 0)
-        z = torch.where(self.seen, z, torch.ones_like(z))  # without infinite gradients of what is not seen
+        z = torch.where(self.seen, z, torch.ones_like(z))  # avoids infinite gradients of Gaussians that are not visible
         fx, fy, cx, cy = (ks[..., i, j, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
         if model == "pinhole":
             x, y = x / z, y / z
             self.means2d = torch.stack([fx * x + cx, fy * y + cy])
             width, height = size
-            # As published, the ellipse is that of a centre not farther out than 15 % of the image beyond its border.
+            # As published, the ellipse is computed for a centre at most 15 % of the image beyond its border.
             beyond_x, beyond_y = 0.15 * width / fx, 0.15 * height / fy
             x = torch.minimum(torch.maximum(x, -cx / fx - beyond_x), (width - cx) / fx + beyond_x)
             y = torch.minimum(torch.maximum(y, -cy / fy - beyond_y), (height - cy) / fy + beyond_y)
@@ -202,16 +202,16 @@ class _Projected:
             square = (x * x + y * y).clamp_min(1e-14)
             radius = square.sqrt()
             over = 1 / (square + z * z)
-            bend = torch.atan2(radius, z) / radius  # angle from the axis, by distance from it
+            bend = torch.atan2(radius, z) / radius  # angle from the axis, divided by the distance from it
             self.means2d = torch.stack([fx * bend * x + cx, fy * bend * y + cy])
-            slope = (z * over - bend) / square  # of bend, by half the square
+            slope = (z * over - bend) / square  # derivative of bend with respect to half the square
             first = (rotation[0] * (bend + x * x * slope) + rotation[1] * (x * y * slope) - rotation[2] * (x * over)) * fx
             second = (rotation[0] * (x * y * slope) + rotation[1] * (bend + y * y * slope) - rotation[2] * (y * over)) * fy
         if axes is not None:
             p = first[0] * axes[0, :, :, None] + first[1] * axes[1, :, :, None] + first[2] * axes[2, :, :, None]
             q = second[0] * axes[0, :, :, None] + second[1] * axes[1, :, :, None] + second[2] * axes[2, :, :, None]
             a, b, c = (p * p).sum(0), (p * q).sum(0), (q * q).sum(0)
-            # (a c - b^2) as the square of p x q, which loses no digits where the ellipse is a needle.
+            # (a c - b^2) computed as the square of p x q, which loses no precision for needle-shaped ellipses.
             cross = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
             sharp = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]
         else:
@@ -229,13 +229,13 @@ class _Projected:
         return torch.stack([self.c, -self.b, self.a], -1) / self.determinant.clamp_min(1e-30)[..., None]
 
     def factor(self) -> Tensor:
-        """Of the covariance: l00, l10, l11."""
+        """Returns the Cholesky factor of the covariance: l00, l10, l11."""
         a = torch.where(self.seen, self.a, torch.ones_like(self.a))
         l00 = a.sqrt()
         return torch.stack([l00, self.b / l00, (torch.where(self.seen, self.determinant, a) / a).sqrt()])
 
     def radii(self, size: tuple[int, int], opacities: Tensor | None, clip: float) -> Tensor:
-        """(B, C, N, 2) whole pixels that the ellipse reaches from its centre; 0 where nothing of it is in the image."""
+        """Returns the radii (B, C, N, 2) of the ellipses in whole pixels; 0 if no part of one is in the image."""
         with torch.no_grad():
             reach = torch.full_like(self.a, REACH)
             seen = self.seen
@@ -251,7 +251,7 @@ class _Projected:
 
 
 def _symmetric(covars: Tensor) -> Tensor:
-    """(3, 3, B, N) from (B, N, 6), the upper triangle, or (B, N, 3, 3), of which the same is read."""
+    """Returns (3, 3, B, N) from (B, N, 6), the upper triangle, or from the upper triangle of (B, N, 3, 3)."""
     six = covars if covars.dim() == 3 else covars[..., [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].permute(2, 0, 1).reshape(3, 3, *six.shape[:2])
 
@@ -275,7 +275,7 @@ def _projected(
     planes: tuple[float, float],
     model: str,
 ) -> tuple[_Projected, tuple[int, ...]]:
-    """Checks, and projects with batch dimensions made one. Also gives the batch dimensions."""
+    """Checks the arguments and projects, with all batch dimensions joined. Also returns the batch dimensions."""
     _choice("camera_model", model, CAMERA_MODELS)
     *batch, n, _ = _shape(means, "means", 2)
     cameras = _shape(viewmats, "viewmats", 3)[-3]
@@ -323,12 +323,14 @@ def fully_fused_projection(
     camera_model: str = "pinhole",
     opacities: Optional[Tensor] = None,
 ) -> tuple[Any, ...]:
-    """Projects Gaussians, means (..., N, 3), given by covars (..., N, 6), the upper triangle, or (..., N, 3, 3), or by
-    quats (..., N, 4) and scales (..., N, 3), into the images of cameras, viewmats (..., C, 4, 4) and Ks (..., C, 3, 3).
+    """Projects Gaussians into the images of cameras with viewmats (..., C, 4, 4) and Ks (..., C, 3, 3).
+
+    The Gaussians have means (..., N, 3), and either covars or quats (..., N, 4) and scales (..., N, 3). covars are
+    (..., N, 6), the upper triangle, or (..., N, 3, 3).
 
     Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
-    (..., C, N), None without calc_compensations. packed: batch_ids, camera_ids and gaussian_ids (nnz,) first, and the
-    others (nnz, ...), of what has radii above 0 alone."""
+    (..., C, N), which are None without calc_compensations. With `packed`, batch_ids, camera_ids and gaussian_ids (nnz,)
+    come first, and the others have the shape (nnz, ...), with only the Gaussians whose radii are above 0."""
     _refuse(sparse_grad=sparse_grad)
     size = (_side("width", width), _side("height", height))
     planes = (near_plane, far_plane)
@@ -348,11 +350,11 @@ def fully_fused_projection(
     return (*shaped, *(() if calc_compensations else (None,)))
 
 
-# ---- Drawing ----
+# ---- Rendering ----
 
 
 class Meta(dict):  # type: ignore[type-arg]
-    """What rasterization() gives beside the pictures, by gsplat's names."""
+    """What rasterization() returns besides images and alphas, by gsplat's names."""
 
     def __missing__(self, key: str) -> Any:
         raise KeyError(f"{key}: ubs keeps no such list; there are {', '.join(self)}")
@@ -396,20 +398,20 @@ def rasterization(
     *,
     device: DeviceLike = None,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
-    """Draws Gaussians as C cameras see them, with gradients of every tensor, Ks and viewmats too.
+    """Renders Gaussians as seen by C cameras. All tensors get gradients, including Ks and viewmats.
 
     means (..., N, 3); quats (..., N, 4), w first, of any length but 0; scales (..., N, 3); opacities (..., N), 0 to 1;
-    colors (..., [C,] N, D) or, with sh_degree, coefficients of harmonics (..., [C,] N, K, 3); viewmats (..., C, 4, 4)
-    from the world to cameras; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3) in the place of quats
+    colors (..., [C,] N, D) or, with sh_degree, coefficients of spherical harmonics (..., [C,] N, K, 3); viewmats (...,
+    C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3) instead of quats
     and scales. "..." are batch dimensions. N may be 0.
 
-    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D, and 1 more in
-    the modes RGB+D and RGB+ED, whose last channel is the depth; 1 in D and ED. The dictionary has means2d, whose
-    gradient retain_grad() keeps, radii, depths, conics, opacities, and with `packed` batch_ids, camera_ids and
-    gaussian_ids, which say whose they are.
+    Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D; D + 1 in the
+    modes RGB+D and RGB+ED, whose last channel is the depth; and 1 in D and ED. The dictionary has means2d, whose
+    gradient retain_grad() keeps, radii, depths, conics and opacities. With `packed` it also has batch_ids, camera_ids
+    and gaussian_ids, which identify the Gaussian of each entry.
 
-    channel_chunk, segmented and tile_size decide how gsplat divides its work; here they change no pixel. `device`, which
-    gsplat has not, is the one of ubs that draws: a number, "gpu", a part of a name."""
+    channel_chunk, segmented and tile_size determine how gsplat divides its work; here they have no effect on pixels.
+    `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         sparse_grad=sparse_grad, absgrad=absgrad, distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
         radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
@@ -449,7 +451,7 @@ def rasterization(
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
     grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], render_mode)
 
-    # Where the splats of each image begin, packed.
+    # Sizes of the parts of the packed arrays that belong to each image.
     counts = [n] * (flat * cameras) if ids is None else visible.sum(-1).reshape(-1).tolist()
     order = torch.where(visible, seen.depths.detach(), -torch.ones_like(visible, dtype=torch.float32))
     parts = [means2d.reshape(-1, 2), factor.reshape(3, -1), chosen(order).reshape(-1)]
@@ -505,13 +507,13 @@ def _shaded(
     ids: tuple[Tensor, ...] | None,
     visible: Tensor,
 ) -> Tensor:
-    """Colours (B, C, N, D), or (nnz, D) of the chosen."""
+    """Returns colours (B, C, N, D), or (nnz, D) of the chosen Gaussians."""
     n, flat = means.shape[-2], math.prod(batch)
     last = _shape(colors, "colors", len(batch) + (2 if degree is None else 3))[-1:]
     if degree is not None:
         last = (colors.shape[-2], 3)
     _check("colors", colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
-    own = colors.dim() == len(batch) + 2 + len(last)  # of each camera
+    own = colors.dim() == len(batch) + 2 + len(last)  # each camera has its own colours
     colors = colors.reshape(flat, cameras if own else 1, n, *last)
     if ids is not None:
         colors = colors[ids] if own else colors[:, 0][ids[0], ids[2]]
@@ -530,7 +532,7 @@ def _shaded(
 def _grounds(
     backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, mode: str
 ) -> list[Tensor] | None:
-    """Of each image, with 0 behind depths."""
+    """Returns the background of each image; that of depths is 0."""
     if backgrounds is None or "RGB" not in mode:
         return None
     wanted = channels - ("D" in mode)

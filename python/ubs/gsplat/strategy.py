@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Strategies, which decide during training where Gaussians are added and removed, with the names of gsplat 1.5.
+"""Strategies decide during training where Gaussians are added and removed. The names are those of gsplat 1.5.
 
-The parameters are a dictionary of torch.nn.Parameter: "means" (N, 3), "scales" (N, 3), their logarithms, "quats" (N, 4),
-"opacities" (N,), before the sigmoid, and others (N, ...) of any name. Each that is learnt has an optimiser of its own.
-A strategy replaces them in these dictionaries, and keeps what the optimisers have noted of the Gaussians that stay."""
+The parameters are a dictionary of torch.nn.Parameter: "means" (N, 3), "scales" (N, 3) as logarithms, "quats" (N, 4),
+"opacities" (N,) before the sigmoid, and others (N, ...) of any name. Each trained parameter has an optimiser of its
+own. A strategy replaces the parameters in these dictionaries, and keeps the optimiser states of the Gaussians that
+remain."""
 
 from __future__ import annotations
 
@@ -19,15 +20,15 @@ from .rendering import _axes
 Parameters = MutableMapping[str, Any]
 Optimizers = Dict[str, Any]
 NEEDED = ("means", "scales", "quats", "opacities")
-MOST_COPIES = 51  # of one Gaussian, whose opacity and size a relocation takes into account
+MOST_COPIES = 51  # maximum number of copies of a Gaussian that a relocation takes into account
 
 
 @dataclass
 class Strategy:
-    """What strategies have in common. One that does nothing."""
+    """Base class of all strategies. It does nothing."""
 
     def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
-        """UsageError where parameters are missing, or an optimiser of one."""
+        """Raises UsageError if parameters are missing, or if the optimiser of a parameter is missing."""
         missing = [name for name in NEEDED if name not in params]
         if missing:
             raise UsageError(f"params have no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
@@ -41,18 +42,18 @@ class Strategy:
                 raise UsageError(f"the optimiser {name!r} must have one group with one parameter, params[{name!r}]")
 
     def step_pre_backward(self, *args: Any, **kwargs: Any) -> None:
-        """To be called between rasterization() and backward()."""
+        """Must be called between rasterization() and backward()."""
 
     def step_post_backward(self, *args: Any, **kwargs: Any) -> None:
-        """To be called after backward()."""
+        """Must be called after backward()."""
 
 
 def _replace(
     params: Parameters, optimizers: Optimizers, state: Dict[str, Any], kept: Tensor, copied: Tensor,
     changed: Dict[str, Tensor],
 ) -> None:
-    """Keeps the Gaussians of the indices `kept`, and appends copies of those of `copied` with the values of `changed`.
-    Optimisers have noted nothing of the copies."""
+    """Keeps the Gaussians with the indices `kept`, and appends copies of those in `copied` with the values of
+    `changed`. The optimiser states of the copies are 0."""
     with torch.no_grad():
         for name in list(params):
             old = params[name]
@@ -75,7 +76,7 @@ def _replace(
 
 
 def _forget(params: Parameters, optimizers: Optimizers, names: list[str], indices: Optional[Tensor] = None) -> None:
-    """What optimisers have noted of these Gaussians becomes 0."""
+    """Sets the optimiser states of these Gaussians to 0."""
     for name in names:
         if name in optimizers:
             for value in optimizers[name].state.get(params[name], {}).values():
@@ -89,7 +90,7 @@ def _all(params: Parameters) -> Tensor:
 
 
 def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -> Tensor:
-    """A v, or A A^T v with times = 2, for vectors v (n, 3), where A are rotation times scales."""
+    """Returns A v, or A A^T v with times = 2, for vectors v (n, 3), where A is rotation times scales."""
     axes = _axes(params["quats"][indices][None], torch.exp(params["scales"][indices])[None])[:, :, 0]
     if times == 2:
         vectors = torch.einsum("kjn,nk->nj", axes, vectors)
@@ -98,39 +99,40 @@ def _rotated(params: Parameters, indices: Tensor, vectors: Tensor, times: int) -
 
 @dataclass
 class DefaultStrategy(Strategy):
-    """As published with 3D Gaussian Splatting (Kerbl et al. 2023): Gaussians whose centre in the image has a large
-    gradient are copied if they are small, and split into two if they are large; those that are nearly transparent go."""
+    """The strategy published with 3D Gaussian Splatting (Kerbl et al. 2023). Gaussians whose centre in the image has a
+    large gradient are copied if they are small, and split into two if they are large. Nearly transparent ones are
+    removed."""
 
     prune_opa: float = 0.005
-    """Gaussians of a lower opacity are removed."""
+    """Gaussians with a lower opacity are removed."""
     grow_grad2d: float = 0.0002
-    """Mean gradient of the centre, in halves of the image, above which a Gaussian is copied or split."""
+    """Mean gradient of the centre, in units of half the image size, above which a Gaussian is copied or split."""
     grow_scale3d: float = 0.01
-    """Size, as a part of the scene, up to which it is copied."""
+    """Size, relative to the scene, up to which it is copied."""
     grow_scale2d: float = 0.05
-    """Radius, as a part of the image, above which it is split, see refine_scale2d_stop_iter."""
+    """Radius, relative to the image, above which it is split; see refine_scale2d_stop_iter."""
     prune_scale3d: float = 0.1
-    """Size, as a part of the scene, above which it is removed once opacities have been reset."""
+    """Size, relative to the scene, above which it is removed after opacities have been reset."""
     prune_scale2d: float = 0.15
-    """Radius, as a part of the image, above which it is removed, see refine_scale2d_stop_iter."""
+    """Radius, relative to the image, above which it is removed; see refine_scale2d_stop_iter."""
     refine_scale2d_stop_iter: int = 0
-    """Step until which radii in the image count; 0: they do not."""
+    """Step until which radii in the image are considered; 0: never."""
     refine_start_iter: int = 500
     refine_stop_iter: int = 15_000
     reset_every: int = 3000
-    """Steps after which opacities are reset to at most twice prune_opa."""
+    """Number of steps after which opacities are reset to at most twice prune_opa."""
     refine_every: int = 100
     pause_refine_after_reset: int = 0
-    """Steps without refinement after each reset."""
+    """Number of steps without refinement after each reset."""
     absgrad: bool = False
-    """Not supported: rasterization() has no sum of absolute values."""
+    """Not supported: rasterization() does not compute the sum of absolute gradients."""
     revised_opacity: bool = False
-    """Splitting keeps the opacity that two parts have together (Rota Bulo et al. 2024)."""
+    """Splitting keeps the opacity that the two parts have together (Rota Bulo et al. 2024)."""
     verbose: bool = False
     key_for_gradient: str = "means2d"
 
     def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
-        """What step_pre_backward() and step_post_backward() take as state."""
+        """Returns the state for step_pre_backward() and step_post_backward()."""
         state: Dict[str, Any] = {"grad2d": None, "count": None, "scene_scale": scene_scale}
         return {**state, "radii": None} if self.refine_scale2d_stop_iter > 0 else state
 
@@ -145,7 +147,7 @@ class DefaultStrategy(Strategy):
     def step_pre_backward(
         self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
     ) -> None:
-        """To be called between rasterization() and backward()."""
+        """Must be called between rasterization() and backward()."""
         self._refuse_absgrad()
         info[self.key_for_gradient].retain_grad()
 
@@ -158,7 +160,7 @@ class DefaultStrategy(Strategy):
         info: Dict[str, Any],
         packed: bool = False,
     ) -> None:
-        """To be called after backward(). `packed`: as rasterization() had it."""
+        """Must be called after backward(). `packed`: the value that was passed to rasterization()."""
         if step >= self.refine_stop_iter:
             return
         with torch.no_grad():
@@ -182,7 +184,7 @@ class DefaultStrategy(Strategy):
                 _forget(params, optimizers, ["opacities"])
 
     def _gather(self, params: Parameters, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
-        """Sums gradients, counts and greatest radii of what was seen."""
+        """Accumulates gradients, counts and maximum radii of visible Gaussians."""
         if packed != (info["gaussian_ids"] is not None):
             raise UsageError(f"packed={packed}, but rasterization() was called with packed={not packed}: pass the same")
         gradient = info[self.key_for_gradient].grad
@@ -237,13 +239,13 @@ class DefaultStrategy(Strategy):
 
 
 def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
-    """Opacities (n,) and scales (n, 3) that let `copies` (n,) Gaussians at one place look as one did before (Kheradmand et
-    al. 2024, equation 9)."""
+    """Returns the opacities (n,) and scales (n, 3) with which `copies` (n,) Gaussians at one position look like a
+    single one did before (Kheradmand et al. 2024, equation 9)."""
     number = copies.clamp(1, MOST_COPIES).double()
     before = opacities.double()
     after = 1 - (1 - before) ** (1 / number)
     total = torch.zeros_like(after)
-    chosen = torch.ones_like(after)  # binomial coefficients, number over k; the inner sums of the equation are these
+    chosen = torch.ones_like(after)  # binomial coefficients, number over k, which are the inner sums of the equation
     for k in range(1, MOST_COPIES + 1):
         chosen = chosen * (number - (k - 1)) / k
         total = total - (-1.0) ** k * chosen * after**k / k**0.5
@@ -252,22 +254,22 @@ def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor
 
 @dataclass
 class MCMCStrategy(Strategy):
-    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024): Gaussians that are nearly transparent
-    move to others, chosen by opacity; some are added in the same way; noise moves those that are not opaque."""
+    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024). Nearly transparent Gaussians move to
+    others, which are chosen by opacity; new ones are added in the same way; noise moves those that are not opaque."""
 
     cap_max: int = 1_000_000
-    """Greatest number of Gaussians."""
+    """Maximum number of Gaussians."""
     noise_lr: float = 5e5
-    """Noise, by the rate of the means."""
+    """Strength of the noise, multiplied by the learning rate of the means."""
     refine_start_iter: int = 500
     refine_stop_iter: int = 25_000
     refine_every: int = 100
     min_opacity: float = 0.005
-    """Gaussians of at most this opacity move to others."""
+    """Gaussians with at most this opacity move to others."""
     verbose: bool = False
 
     def initialize_state(self) -> Dict[str, Any]:
-        """What step_post_backward() takes as state: nothing, here."""
+        """Returns the state for step_post_backward(), which is empty here."""
         return {}
 
     def step_post_backward(
@@ -279,7 +281,7 @@ class MCMCStrategy(Strategy):
         info: Dict[str, Any],
         lr: float,
     ) -> None:
-        """To be called after backward() and the steps of the optimisers. lr: the rate of the means."""
+        """Must be called after backward() and the steps of the optimisers. lr: learning rate of the means."""
         with torch.no_grad():
             if self.refine_start_iter < step < self.refine_stop_iter and step % self.refine_every == 0:
                 dead = torch.sigmoid(params["opacities"].flatten()) <= self.min_opacity
@@ -306,7 +308,8 @@ class MCMCStrategy(Strategy):
         return len(dead)
 
     def _share(self, params: Parameters, optimizers: Optimizers, among: Tensor, number: int) -> Tensor:
-        """Chooses by opacity, and gives the chosen what they have when they share it with their copies."""
+        """Chooses Gaussians by opacity, and sets their opacities and scales so that they share these with their
+        copies."""
         opacities = torch.sigmoid(params["opacities"])
         sums = opacities.flatten()[among].double().cumsum(0)
         at = torch.rand(number, dtype=torch.float64, device=sums.device) * sums[-1]
