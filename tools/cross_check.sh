@@ -3,8 +3,7 @@
 # Compiles for other platforms and runs the tests that need no device there (docs/library.md). Run it by hand;
 # it is not part of ctest.
 #   tools/cross_check.sh arm64 FOLDER     the lean executable and library, host tests, and the CUDA back end
-#   with
-#                                         the host as device, under qemu-user
+#                                         with the host as device, under qemu-user
 #   tools/cross_check.sh windows FOLDER   the core without its POSIX files, and its host tests under wine
 # Requires Debian 12 with g++-aarch64-linux-gnu and qemu-user-static, or with g++-mingw-w64-x86-64-posix and
 # wine64. The libraries are Debian's packages for arm64, unpacked to FOLDER and not installed; for Windows

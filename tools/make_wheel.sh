@@ -23,7 +23,7 @@ echo "$wheel: $((size / 1000)) kB"
 [ "$size" -le 15000000 ] || { echo "make_wheel.sh: the wheel is larger than 15 MB" >&2; exit 1; }
 "$python" -m venv "$out/empty"
 "$out/empty/bin/pip" install --quiet --disable-pip-version-check "$wheel"
-cd "$out" # not where a package `ubs` lies
+cd "$out" # this folder contains no package `ubs`, which Python would import
 env -i PATH="$PATH" HOME="$HOME" UBS_CHECK=off "$out/empty/bin/python" - <<'PYTHON'
 import pathlib
 import numpy as np

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs plan: predicts what training on a data set, or rendering a model, needs: kernels, memory,
-// intersections, time.
+// ubs plan: predicts the kernels, the memory, the number of intersections and the time that a training on a
+// data set, or the rendering of a model, needs.
 #include <CLI/CLI.hpp>
 #include <map>
 #include <memory>
@@ -110,7 +110,7 @@ int plan_train(const PlanOptions& options) {
   return 0;
 }
 
-// The measured lines of a device, in the order of RankCosts.
+// Calls `use` with the name and the value of each measured cost line of a device, in the order of RankCosts.
 template <typename Costs, typename Use>
 void for_lines(Costs& costs, const Use& use) {
   use("whole", costs.whole);

@@ -81,8 +81,8 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
   return outcome;
 }
 
-// Like train(). If an exception leaves the state consistent (an image that cannot be read, out of memory),
-// saves the state.
+// Calls train(). If it throws an exception that leaves the state of the training consistent (an image that
+// cannot be read, out of memory), saves the state.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
@@ -135,9 +135,10 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// Returns the time budget and completes the settings of a run whose iterations the user did not choose: as
-// many as are expected to fit the time budget. Several ranks have no time budget and get all
-// kUnaskedIterations. `warm_up` is called before steps are measured.
+// Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
+// returns the time budget. The number is the largest that is expected to fit the time budget. With several
+// ranks, there is no time budget and the run gets kUnaskedIterations. `warm_up` is called before steps are
+// measured.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
                            const Split& train,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
@@ -197,9 +198,9 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
   return use;
 }
 
-// Does the work from the last iteration to the end of the run; `write` writes all results. It may fail
-// because the disk is full, or be killed. As long as there is a checkpoint, `ubs train --resume` writes the
-// results again, so the checkpoint is removed last.
+// Does the work from the last iteration to the end of the run; `write` writes all results. This work may fail
+// because the disk is full, or the process may be killed. As long as there is a checkpoint, `ubs train
+// --resume` writes the results again, so the checkpoint is removed last.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
             const std::function<void()>& write) {
   const RunInterval interval = checkpoint_interval(settings);
@@ -242,8 +243,9 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
 }
 
-// Options that several ranks do not support. For --budget the clocks of their machines would have to agree on
-// the speed of the run; for --serve no rank has the complete model that a viewer would see.
+// Throws Error(usage) for options that a run of several ranks does not support. For --budget the clocks of
+// their machines would have to agree on the speed of the run; for --serve no rank has the complete model that
+// a viewer would see.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
     fail(ErrorKind::usage, "--budget is not supported with several MPI processes: use --iterations");
@@ -328,8 +330,8 @@ int run(const TrainOptions& options) {
     run.views_by_rank = deal_by_speed(start, *device, train_split, initial);
     trainer.shared()->deal_views(run.views_by_rank);
   }
-  // From here on files are changed. Signals are handled until the end, and a signal after the last step does
-  // not shorten the writing of the results.
+  // From here on, files are changed, so signals are handled until the end. A signal after the last step does
+  // not stop the writing of the results.
   beforehand.reset();
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
@@ -395,8 +397,8 @@ int run(const TrainOptions& options) {
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
     if (live) say("live     {}\n", live->summary());
   }
-  // In a job, all ranks must return the same code: a signal that reached one of them after the last step had
-  // no effect.
+  // In a job, all ranks must return the same code. So a signal that reached only one of them after the last
+  // step does not change the code.
   const bool interrupted = ranks().size() > 1 ? outcome.interrupted : guard.interrupted();
   return interrupted ? kInterruptedExitCode : 0;
 }

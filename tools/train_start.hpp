@@ -25,8 +25,8 @@ struct StartOptions {
 
 struct NewSettings {
   TrainSettings settings;
-  // Set if the user did not choose the number of iterations, which is always so with --budget. The final
-  // settings are made from these when the data are known.
+  // Set if the user did not choose the number of iterations; with --budget, the user cannot choose it. The
+  // final settings are made from these when the data are known.
   std::optional<TrainSettings> fast;
 };
 
@@ -48,8 +48,9 @@ NewSettings resolve_new(const SettingsOptions& given, const std::string& budget 
 TrainSettings fast_base(const NewSettings& run);
 std::size_t points_of(const Dataset& data);
 
-// If the user does not choose, a run has this many iterations, which reach the published quality
-// (docs/results/2026-11-22-long-schedules.md), or takes this many seconds, whichever ends first.
+// If the user chooses neither iterations nor budget, a run ends after this many iterations or this many
+// seconds, whichever comes first. This number of iterations reaches the published quality
+// (docs/results/2026-11-22-long-schedules.md).
 inline constexpr int kUnaskedIterations = 16000;
 inline constexpr double kUnaskedSeconds = 900;
 // Returns the settings of such a run if it has all iterations.
@@ -58,7 +59,7 @@ TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, cons
 // Collects what the run starts from and locks the output folder. If N is not given, the data determine it
 // later. Throws Error(usage) for missing or conflicting options, for settings that differ from those of the
 // run, and for an output folder that another process writes to or that shares files with the data. `holds`:
-// false for all ranks of a job except the first, which do not touch the folder.
+// true for the first rank of a job. For the other ranks it is false, and they do not touch the folder.
 Start start_of(const StartOptions& options, const SettingsOptions& settings, bool holds = true);
 
 }  // namespace ubs::tools

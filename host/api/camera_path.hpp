@@ -20,26 +20,27 @@ class CameraPath {
   virtual bool has_time() const { return false; }  // whether Pose::time has a meaning
 };
 
-// Returns a path around the centre at constant distance and elevation, `loops` times (not 0; negative: in the
-// opposite direction).
+// Returns a path at constant distance and elevation that goes around the centre `loops` times (not 0;
+// negative: in the opposite direction).
 std::unique_ptr<CameraPath> orbit_path(const SceneFrame& frame, double fov, double loops);
 
-// Returns a path around the mean pose, always looking at the point at its focus depth, for scenes that were
-// photographed from one side. It moves sideways by the spread of the cameras and, once, forward and backward
-// by a third of the spread.
+// Returns a path for scenes that were photographed from one side. It circles around the mean position `loops`
+// times, with the spread of the cameras as its radius, and moves forward and backward once, by a third of the
+// spread. The camera always looks at the point at the focus depth of the mean pose.
 std::unique_ptr<CameraPath> spiral_path(const SceneFrame& frame, double fov, double loops);
 
 // Returns a path through poses at equal intervals of u. Positions follow uniform Catmull-Rom splines (with
-// continuous velocity), rotations slerp, and angle of view and time change linearly. Needs at least one pose.
-// If `closed` is set, the path returns to the first pose.
+// continuous velocity), rotations are interpolated by slerp, and angle of view and time change linearly.
+// Needs at least one pose. If `closed` is set, the path returns to the first pose.
 std::unique_ptr<CameraPath> keyframe_path(std::vector<Pose> keyframes, bool closed, bool has_time);
 
-// Returns a path along a dozen of the cameras, evenly chosen. It keeps their order if that is a walk;
-// otherwise it goes from each to the nearest remaining one. Needs at least one camera.
+// Returns a path along a dozen of the cameras, evenly chosen. The path keeps their order, unless that makes
+// it much longer than going from each camera to the nearest remaining one; in that case it does the latter.
+// Needs at least one camera.
 std::unique_ptr<CameraPath> walk_path(std::span<const Camera> cameras, double fov);
 
-// Returns the u of each of `frames` images, evenly spaced from 0 to 1. Closed paths leave out the end,
-// because it equals the beginning.
+// Returns the value of u for each of `frames` images, evenly spaced from 0 to 1. Closed paths leave out the
+// end, because it equals the beginning.
 std::vector<double> path_moments(int frames, bool closed);
 
 }  // namespace ubs

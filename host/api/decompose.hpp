@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decomposes a model by its betas, like the interpretability figures of the papers: selects the splats whose
+// Decomposes a model by its betas, as in the interpretability figures of the papers: selects the splats whose
 // raw beta is in an interval of quantiles. Low betas are surfaces (spatial), diffuse colour (angular) and
-// static parts (temporal); high betas are texture, highlights and motion. Runs on the host, for any variant
-// of the method that trains the beta in question.
+// static parts (temporal); high betas are texture, highlights and motion. The selection is computed on the
+// host. It works for every variant of the method that trains the beta in question.
 #pragma once
 
 #include <array>
@@ -18,9 +18,10 @@ inline constexpr std::array<BetaKind, 3> kBetaKinds{BetaKind::spatial, BetaKind:
 
 const char* to_string(BetaKind kind);
 
-// Returns whether a model of this N and variant has the beta. Spatial: unless the kernel is Gaussian.
-// Angular: from N = 6 on. Temporal: if has_time(N). The latter two are missing in variants without query
-// betas. In a model with several groups, one group with the beta is enough.
+// Returns whether a model of this N and variant has the beta. A model has the spatial beta unless the kernel
+// is Gaussian, the angular beta from N = 6 on, and the temporal beta if has_time(N). Variants without query
+// betas have neither the angular nor the temporal beta. In a model with several groups, one group with the
+// beta is enough.
 bool has_beta(const MixedModel& model, BetaKind kind);
 
 // Returns the values that splats are sorted by, one per splat in the order of the model: the raw spatial

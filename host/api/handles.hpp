@@ -49,7 +49,7 @@ ubs_status guarded(const Action& action) noexcept {
   }
 }
 
-// The same for functions that create a handle; `make` takes the device's lock if it uses a device.
+// Like guarded(), for functions that create a handle. `make` takes the device's lock if it uses a device.
 template <typename Handle, typename Make>
 ubs_status made(Handle** out, const Make& make) noexcept {
   if (out) *out = nullptr;

@@ -39,9 +39,10 @@ struct SplatViews {
   double eps2d = 0.3;  // blur of the renderer [px^2]
 };
 
-// Returns replacements for the entries of smaller_dims. If the change is larger than `worst`, the values are
-// not computed, because that is the expensive part. For variants that Slicer does not support only exact
-// replacements are found.
+// Returns replacements for the entries of smaller_dims. An entry is left out if no view sees the splat and
+// the replacement is not exact. If the change is larger than `worst`, the values are not computed, because
+// that is the expensive part. The result is empty for variants that Slicer does not support, and for direct
+// conditioning, which has no covariance.
 std::vector<Replacement> replacements(const SplatModel& model, std::size_t splat, const SplatViews& views,
                                       double worst);
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// See align_cameras.hpp. Bundle adjustment with the Levenberg-Marquardt method: it moves all poses and all
-// points together. Only a few cameras see each point, and only their poses appear in its equations. So each
-// point is eliminated first (Schur complement), and the remaining equations contain only the poses.
+// See align_cameras.hpp. align_cameras() does a bundle adjustment with the Levenberg-Marquardt method, which
+// moves all poses and all points together. Only a few cameras see each point, and only their poses appear in
+// its equations. So each point is eliminated first (Schur complement), and the remaining equations contain
+// only the poses.
 #include "host/data/align_cameras.hpp"
 
 #include <algorithm>

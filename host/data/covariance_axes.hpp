@@ -13,8 +13,9 @@ struct CovarianceAxes {
   std::array<double, 3> variance{};            // descending, all positive
 };
 
-// Decomposes a covariance. If it is not positive definite, too small variances are raised to a millionth of
-// the largest one, so the standard deviation along that axis is a thousandth of the longest.
+// Decomposes a covariance. If it is not positive definite, variances that are too small are raised to a
+// millionth of the largest one, so the standard deviation along such an axis is a thousandth of the largest
+// one.
 CovarianceAxes covariance_axes(const double (&covariance)[3][3]);
 
 // Decomposes M M^T, using the singular values of M, so that thin axes keep their accuracy. A variance may be

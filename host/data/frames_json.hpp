@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Node gives checked access to the fields of frames in transforms*.json files of Blender, D-NeRF and
-// nerfstudio folders. Functions here read poses, intrinsics and names. Used by the loaders of this folder and
-// for camera keyframes.
+// nerfstudio folders. Other functions of this file read poses, intrinsics and names. The loaders of this
+// folder and the reader of camera keyframes use them.
 #pragma once
 
 #include <array>
@@ -42,9 +42,9 @@ void set_world_to_camera(Camera& camera, const Node& frame);
 // Returns a value of the frame, or that of the whole file if the frame does not have it.
 std::optional<double> lookup(const Node& frame, const Node& file, const char* key);
 
-// Returns "w" and "h" if both are present. Blender exporters write them before Blender truncates them to
-// whole pixels (633.6). For a fractional size, the size of the image file is returned if the file exists and
-// differs by less than a pixel.
+// Returns "w" and "h" if both are present. They may be fractional (such as 633.6), because Blender exporters
+// write them before Blender truncates them to whole pixels. For a fractional size, the size of the image file
+// is returned if the file exists and differs by less than a pixel.
 std::optional<ImageSize> stated_size(const Node& frame, const Node& file, const std::filesystem::path& image);
 
 // `stated` is the size that pixel quantities of the JSON refer to, `actual` the size of the loaded image.

@@ -12,7 +12,8 @@
 namespace ubs {
 namespace {
 
-// Largest window, with zlib's wrapping, with that of gzip, and without any.
+// zlib's parameter windowBits for the largest window: for data with zlib's header, with that of gzip, and
+// without a header.
 constexpr int kZlibWindow = 15, kGzipWindow = 15 + 16, kRawWindow = -15;
 constexpr std::size_t kBlock = std::size_t{1} << 20;  // the output grows in steps of this size
 

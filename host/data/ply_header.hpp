@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // PlyHeader describes a PLY file as far as ubs needs it: the header of a binary_little_endian or ascii file.
-// Functions here read the scalar properties of its elements as float or double. Used for splat files, point
-// clouds and importers.
+// The functions of this file read the scalar properties of its elements as float or double. They are used for
+// splat files, point clouds and importers.
 #pragma once
 
 #include <cstddef>
@@ -64,8 +64,8 @@ void read_ply_rows(std::ifstream& stream, const PlyHeader& header,
 // Returns the names as a list for a message; consecutive numbered names become "motion_0 to motion_8".
 std::string list_names(const std::vector<std::string>& names);
 
-// Returns sentences that name the properties of an element that a reader does not use if it uses only `used`.
-// Normals are not mentioned: in 3DGS files they are always zero, and splats do not use them.
+// `used` are the properties of an element that a reader uses. Returns sentences that name all other
+// properties. Normals are not mentioned: in 3DGS files they are always zero, and splats do not use them.
 std::vector<std::string> unused_properties(const PlyElement& element,
                                            const std::vector<const PlyProperty*>& used);
 // Returns sentences for the elements after the first `used` ones, such as the faces of a mesh.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // UsdaParser reads the text form of OpenUSD. It visits prims and their properties, and stores the position of
 // each property's value in the text; only the values that are needed are converted to numbers. It does not
-// follow references, payloads, sublayers and variants. All errors are Error(data) with the name of the file
+// follow references, payloads, sublayers or variants. All errors are Error(data) with the name of the file
 // and the line.
 #pragma once
 

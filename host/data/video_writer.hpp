@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// VideoWriter writes video files with OpenCV. The extension determines the codec: .mp4, .m4v, .mov (H.264, or
-// MPEG-4), .mkv (H.264, MPEG-4, or Motion JPEG), .avi (Motion JPEG). Which encoders are available is
-// determined at run time.
+// VideoWriter writes video files with OpenCV. The extension determines the codec; the first of these that is
+// available is used: H.264 or MPEG-4 for .mp4, .m4v and .mov; H.264, MPEG-4 or Motion JPEG for .mkv; Motion
+// JPEG for .avi. The available encoders are determined at run time.
 #pragma once
 
 #include <filesystem>
@@ -21,7 +21,8 @@ std::vector<std::string> video_extensions();
 // temporary folder.
 std::string writable_videos();
 
-// Like AtomicFile, but an encoder writes the file: it does not appear under its name before commit().
+// VideoWriter is like AtomicFile, but an encoder writes the file. The file does not appear under its name
+// before commit().
 class VideoWriter {
  public:
   // Requires even sizes of at least 16 and fps in (0, 1000]. Throws Error(usage) for other extensions, sizes

@@ -12,9 +12,9 @@
 
 namespace ubs {
 
-// Throws Error(data) if the image does not fit its camera, for example because it was rotated or cropped.
-// Accepted are equal sizes, and sizes whose width and height are scaled alike within a pixel; a note reports
-// the latter.
+// Throws Error(data) if the image does not fit its camera, for example because it was rotated or cropped. The
+// sizes fit if they are equal, or if width and height have the same scale within a pixel; in the second case
+// a note reports it.
 void check_image_size(ImageSize file, ImageSize camera, const std::string& where, LoadReport& report);
 
 // Sets intrinsics, size and image source of `view`, whose camera has a pinhole lens. `lens` refers to the
@@ -26,9 +26,9 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
 bool attach_image(View& view, const Lens& lens, const std::filesystem::path& file,
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 
-// Appends the views of an image of any lens: one view, or several for a wide image (undistort.hpp), which are
-// named after `view` and the face (NAME_front). Leaves out views in which the mask leaves no pixel. Returns
-// the number of views.
+// Appends the views of an image of any lens: one view, or several for a wide image (undistort.hpp). Each of
+// several views gets the name of `view` with the face added (NAME_front). Leaves out views in which the mask
+// leaves no pixel. Returns the number of views.
 std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens,
                          const std::filesystem::path& file, const std::filesystem::path& mask,
                          const DatasetOptions& options, LoadReport& report);

@@ -12,12 +12,14 @@
 
 namespace ubs::tools {
 
-// Returns the views of the data that `options` name; without data, the cameras that the model lists; without
-// these, some cameras around the model. `opened`: the data, if they have been opened already.
+// Returns the views of the data that `options` name. If they name no data, returns the cameras that the model
+// lists; if it lists none, some cameras around the model. `opened`: the data, if they have been opened
+// already.
 Split page_views(const ModelOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
                  const std::optional<OpenedData>& opened, const FrameHints& hints);
 
-// Returns the initial state of the server's page. The title comes from `path`, that of the model or run.
+// Returns the initial state of the server's page. The title is made from `path`, the path of the model or
+// run.
 serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views,
                           const FrameHints& hints = {});
 

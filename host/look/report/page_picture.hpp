@@ -23,12 +23,12 @@ struct ValueRange {
 // Returns the range from the 1st to the 99th percentile of the depths of all pixels with an alpha of at least
 // 0.5, or of all pixels if there is no such pixel. `depth` and `alpha` have the same size.
 ValueRange depth_range(std::span<const float> depth, std::span<const float> alpha);
-// Returns an image of the depth. Near is bright; pixels with low alpha are darker.
+// Returns an image of the depth. Near pixels are bright; pixels with low alpha are darker.
 Image8 depth_image(std::span<const float> depth, std::span<const float> alpha, int width, int height,
                    ValueRange range);
 Image8 grey_image(std::span<const float> values, int width, int height);  // values from 0 to 1
 
-// Returns the mean of the PSNR of the channels of 8-bit images; infinite if a channel is equal.
+// Returns the mean of the PSNR of the channels of 8-bit images; infinite if a channel is equal in both.
 double psnr_channel_mean(const Image8& a, const Image8& b);
 
 }  // namespace ubs

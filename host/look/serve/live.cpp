@@ -20,9 +20,9 @@ namespace ubs::serve {
 namespace {
 
 constexpr std::size_t kMaxPoints = 400;  // maximum number of points of a curve
-// Limit that every image may use, about 0.1 GB.
+// An image may always have this number of intersections, which need about 0.1 GB.
 constexpr std::uint64_t kIntersections = 4 << 20;
-// No limit. Used for a view of the training data, because training needs the same memory.
+// No limit. This is used for a view of the training data, because training needs the same memory.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
 constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
 constexpr std::chrono::milliseconds kWait{1000};

@@ -6,8 +6,8 @@
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
-// The fixed cost of an image, in pixels: rendering takes as long as for this number plus the image's own
-// pixels.
+// The fixed cost of an image, expressed as a number of pixels: the time for an image is proportional to this
+// number plus the number of pixels of the image.
 const FIXED_PIXELS = 1 << 15;
 
 const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :

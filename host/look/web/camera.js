@@ -96,7 +96,7 @@ class ViewCamera {
     return numbers.map((v) => Number(v.toPrecision(6))).join(',');
   }
 
-  // Reads a text of text(). Returns false for other texts.
+  // Sets the camera from a text that text() returned. Returns false for other texts.
   read(text) {
     const v = text.split(',').map(Number);
     if (v.length !== 15 || !v.every(Number.isFinite) || !(v[12] > 0 && v[13] > 0)) return false;
