@@ -117,10 +117,9 @@ class CudaDevice final : public Device, public TunableDevice {
   static Parameter argument(const BufferView<T>& view) {
     return pointer_of(view);
   }
-  template <typename Parameter, typename T>
-  requires std::is_trivially_copyable_v<T>
+  template <typename Parameter, KernelValue T>
   static Parameter argument(const T& value) {
-    static_assert(std::is_same_v<Parameter, T>, "scalar of another type than the kernel's parameter");
+    static_assert(std::is_same_v<Parameter, T>, "value of another type than the kernel's parameter");
     return value;
   }
   template <typename Parameter, typename T>

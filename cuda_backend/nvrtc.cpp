@@ -121,11 +121,12 @@ void* open_nvrtc(std::span<const std::string> names, int driver) {
                         major, minor, driver / 1000, driver % 1000 / 10);
     dlclose(handle);
   }
-  fail(ErrorKind::device,
-       "this form of the method is compiled at run time, which needs libnvrtc.so of the CUDA toolkit, no "
-       "newer than the "
-       "driver, on LD_LIBRARY_PATH (or of 'pip install nvidia-cuda-nvrtc'){}; or use --device opencl",
-       newer);
+  fail(
+      ErrorKind::device,
+      "the kernels of this variant are compiled at run time, which requires libnvrtc.so of the CUDA toolkit, "
+      "not newer than the driver, in LD_LIBRARY_PATH (or 'pip install nvidia-cuda-nvrtc'){}; or use "
+      "--device opencl",
+      newer);
 }
 
 std::string compiler_version() {

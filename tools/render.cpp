@@ -127,7 +127,7 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   return wanted;
 }
 
-// WideImage is the image of the lens that --lens chooses.
+// WideImage is the lens that the user chose with --lens, and the size of its images.
 struct WideImage {
   ImageSize size;
   LensImage image;
@@ -140,10 +140,10 @@ std::optional<WideImage> lens_of(const RenderOptions& options) {
   return WideImage{size, LensImage(wide_lens(options.lens, size.width, size.height))};
 }
 
-// Drawing draws the views of a split, each from one camera or, through a wide lens, from several.
+// Drawing renders the views of a split. A view with --lens is composed of the images of several cameras.
 class Drawing {
  public:
-  // Sets the sizes of the cameras of `split` to those of the images.
+  // With a lens, the sizes of the cameras of `split` become those of the images.
   Drawing(std::optional<WideImage> lens, const RenderOptions& options, const LoadedModel& model,
           const TrainSettings& settings, Split& split, bool depth)
       : lens_(std::move(lens)),
@@ -152,7 +152,8 @@ class Drawing {
   RenderedView draw(std::size_t view) {
     if (!lens_) return draw_camera(view);
     std::vector<RenderedView> faces;
-    for (std::size_t i = 0; i < per_view_; ++i) faces.push_back(draw_camera(view * per_view_ + i));
+    for (std::size_t i = 0; i < lens_->image.face_count(); ++i)
+      faces.push_back(draw_camera(view * lens_->image.face_count() + i));
     return lens_->image.compose(faces);
   }
 
@@ -164,7 +165,6 @@ class Drawing {
       for (const Camera& camera : lens_->image.faces(view.camera)) faces.views.emplace_back().camera = camera;
       view.camera.width = lens_->size.width, view.camera.height = lens_->size.height;
     }
-    per_view_ = faces.views.size() / split.views.size();
     return faces;
   }
   RenderedView draw_camera(std::size_t camera) {
@@ -174,7 +174,6 @@ class Drawing {
   }
 
   std::optional<WideImage> lens_;
-  std::size_t per_view_ = 1;
   ModelSession session_;
 };
 

@@ -7,14 +7,17 @@
 #include <numbers>
 
 #include "host/base/error.hpp"
+#include "host/base/memory_limit.hpp"
 #include "host/base/parallel.hpp"
 #include "host/base/vector3.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr int kSamples = 2;  // across and down a pixel
+constexpr int kSamples = 2;          // per pixel, in each direction
+constexpr double kMaxFocal = 16384;  // plan_faces() accepts smaller values [px per radian]
 
+// Returns the axis closest to the ray as 2 * axis, plus 1 if the ray points in its negative direction.
 std::size_t axis_of(const Ray& ray) {
   std::size_t axis = 0;
   for (std::size_t k = 1; k < 3; ++k)
@@ -22,7 +25,8 @@ std::size_t axis_of(const Ray& ray) {
   return 2 * axis + (ray[axis] < 0 ? 1 : 0);
 }
 
-// Adds a part of the bilinear interpolation of `channels` values a pixel at a position in pixels.
+// Adds `part` times the bilinear interpolation of an image at a position [px] to `sum`. Both have `channels`
+// values per pixel.
 void add_sample(std::span<const float> image, std::size_t channels, int width, int height, double column,
                 double row, float part, float* sum) {
   const double x = std::clamp(column - 0.5, 0.0, width - 1.0), y = std::clamp(row - 0.5, 0.0, height - 1.0);
@@ -73,16 +77,34 @@ WideLens wide_lens(const std::string& text, int width, int height) {
 LensImage::LensImage(const WideLens& wide)
     : fine_(wide.lens.scaled_to(kSamples * wide.lens.width, kSamples * wide.lens.height)),
       max_angle_(wide.max_angle) {
+  if (fine_.fx >= kMaxFocal)
+    fail(ErrorKind::usage, "--lens: {}x{} pixels are too many for {:.3g} degrees: choose a smaller --size",
+         wide.lens.width, wide.lens.height, 360 / std::numbers::pi * max_angle_);
   plans_ = plan_faces(fine_, "--lens");
-  if (plans_.empty())
-    fail(ErrorKind::usage, "--lens: {}x{} pixels are too few for this lens: choose a larger --size",
-         wide.lens.width, wide.lens.height);
+  std::uint64_t pixels = 0;
+  for (const Undistortion& plan : plans_)
+    pixels += static_cast<std::uint64_t>(plan.width) * static_cast<std::uint64_t>(plan.height);
+  require_memory(5 * sizeof(float) * pixels,
+                 fmt::format("--lens: an image of {}x{} pixels", wide.lens.width, wide.lens.height));
   face_of_axis_.fill(-1);
   for (std::size_t i = 0; i < plans_.size(); ++i) {
-    const auto& m = plans_[i].rotation;
-    face_of_axis_[axis_of({m[6], m[7], m[8]})] =
-        static_cast<int>(i);  // the third row is the axis of the face
+    const auto& m = plans_[i].rotation;  // its third row is the axis of the face
+    face_of_axis_[axis_of({m[6], m[7], m[8]})] = static_cast<int>(i);
   }
+  // plan_faces() leaves out faces with very few pixels.
+  constexpr int kGrid = 64;
+  for (int j = 0; j < kGrid; ++j)
+    for (int i = 0; i < kGrid; ++i)
+      if (const auto ray = shown_ray((i + 0.5) * fine_.width / kGrid, (j + 0.5) * fine_.height / kGrid);
+          ray && face_of_axis_[axis_of(*ray)] < 0)
+        fail(ErrorKind::usage, "--lens: {}x{} pixels are too few for this lens: choose a larger --size",
+             wide.lens.width, wide.lens.height);
+}
+
+std::optional<Ray> LensImage::shown_ray(double column, double row) const {
+  const auto ray = pixel_ray(fine_, column, row);
+  if (!ray || std::atan2(std::hypot((*ray)[0], (*ray)[1]), (*ray)[2]) > max_angle_) return std::nullopt;
+  return ray;
 }
 
 std::vector<Camera> LensImage::faces(const Camera& camera) const {
@@ -119,8 +141,7 @@ RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
       for (int s = 0; s < kSamples * kSamples; ++s) {
         const double column = kSamples * i + s % kSamples + 0.5;
         const double row = kSamples * static_cast<double>(j) + s / kSamples + 0.5;
-        if (const auto ray = pixel_ray(fine_, column, row);
-            ray && std::atan2(std::hypot((*ray)[0], (*ray)[1]), (*ray)[2]) <= max_angle_)
+        if (const auto ray = shown_ray(column, row))
           add_ray(j * static_cast<std::size_t>(out.width) + static_cast<std::size_t>(i), *ray);
       }
   });

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// The median of values in double precision.
 #pragma once
 
 #include <algorithm>

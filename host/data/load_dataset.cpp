@@ -186,7 +186,7 @@ void name_transforms_files(const fs::path& folder) {
        shell_word((folder / names.front()).string()));
 }
 
-// Notes the cameras of other layouts in the same folder.
+// Adds a note for each other layout whose cameras the folder also contains.
 void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
   for (const Layout& layout : kLayouts)
     if (&layout != &used && layout.recognise(path))
@@ -234,7 +234,7 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
-  note_other_layouts(path, layout, data.report);
+  if (options.read.layout == "auto") note_other_layouts(path, layout, data.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)
     data.report.note_difference(results.size() == 1                ? text

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights of the loss from the settings, what kernels multiply with, and the value of the loss.
+// These functions compute the weights of the loss and of the penalties from the settings, and the value of
+// the loss (method.md 4.1).
 #pragma once
 
 #include <span>
@@ -13,11 +14,12 @@ inline LossWeights loss_weights(float lambda_dssim) { return {1 - lambda_dssim, 
 inline LossWeights loss_weights(const TrainSettings& settings) {
   return loss_weights(static_cast<float>(settings.lambda_dssim));
 }
-// Weights of one of the values that the terms are means over. scale: that of the gradient.
+// Returns the weights of a single value of the image, given those of the means over `values`. scale: a factor
+// of the gradient.
 inline LossWeights per_value(LossWeights w, float scale, float values) {
   return {w.l1 * scale / values, w.dssim * scale / values};
 }
-// The loss of an image, without penalties. sums: the eight numbers of the stage ImageLoss.
+// Returns the loss of an image without penalties. sums: the eight numbers of the stage ImageLoss.
 inline double loss_value(LossWeights w, std::span<const float> sums) {
   return static_cast<double>(w.l1) * sums[0] +
          static_cast<double>(w.dssim) * (1 - static_cast<double>(sums[1]));
@@ -27,7 +29,8 @@ inline PenaltyWeights penalty_weights(const TrainSettings& settings) {
   return {static_cast<float>(settings.opacity_reg), static_cast<float>(settings.scale_penalty)};
 }
 inline bool any(PenaltyWeights w) { return w.opacity != 0 || w.scale != 0; }
-// Weights of the values of one splat. Penalties are means over splats and, of scales, over their three axes.
+// Returns the weights of the values of a single splat, given those of the means. The penalty of scales is a
+// mean over splats and their three axes.
 inline PenaltyWeights per_splat(PenaltyWeights w, float splats) {
   return {w.opacity / splats, w.scale / (3 * splats)};
 }

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <type_traits>
 
 #include "kernels/loss_weights.h"
 
@@ -15,6 +16,11 @@ using u8 = std::uint8_t;
 using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
+
+// A kernel argument that is passed by value: a number or one of the shared structs.
+template <typename T>
+concept KernelValue =
+    std::is_arithmetic_v<T> || std::is_same_v<T, LossWeights> || std::is_same_v<T, PenaltyWeights>;
 
 template <typename Signature>
 struct Declared {

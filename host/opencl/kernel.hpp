@@ -8,6 +8,7 @@
 #include <string_view>
 #include <type_traits>
 
+#include "host/device/map_kernels.hpp"
 #include "host/device/stages.hpp"
 #include "host/opencl/cl_api.hpp"
 
@@ -80,9 +81,10 @@ class Kernel {
     for (const BufferView<float>& piece : slots.pieces) set(index, piece);
     set(index, slots.bits);
   }
-  template <typename T>
-  requires std::is_trivially_copyable_v<T>
-  void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
+  template <KernelValue T>
+  void set(cl_uint& index, const T& value) {
+    set_bytes(index++, sizeof value, &value);
+  }
 
   static cl_mem memory_of(Memory* memory);
   // Throws Error(device) if groups of the kernel cannot have this many work-items, or if the device has less

@@ -34,7 +34,7 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
   const DeviceInfo& info = device.info();
   if (bytes > info.max_allocation_bytes)
     fail(ErrorKind::memory,
-         "buffer '{}' needs {} MiB, but {} allocates at most {} MiB in one piece; "
+         "buffer '{}' needs {} MiB, but {} can allocate at most {} MiB for one buffer; "
          "use fewer splats or smaller images",
          this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
   if (device.allocated_bytes() + bytes > info.memory_bytes)

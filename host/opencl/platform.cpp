@@ -208,8 +208,8 @@ std::unique_ptr<Device> open_device(std::size_t index, unsigned float_vector_wid
   if (const GroupLimits limits = group_limits(all[index].device);
       info.type != DeviceType::cpu && limits.too_small())
     warn_once(
-        fmt::format("{} allows work-groups of {} work-items and {} KiB of local memory, but the kernels for "
-                    "cards need {} and {} KiB: the slower kernels for CPUs are used",
+        fmt::format("{} allows work-groups of {} work-items and {} KiB of local memory, but the GPU "
+                    "kernels need {} and {} KiB: the slower CPU kernels are used",
                     info.name, limits.items, limits.local_bytes >> 10, GroupLimits::kItemsNeeded,
                     GroupLimits::kLocalNeeded >> 10));
   return std::make_unique<OpenclDevice>(all[index].platform, all[index].device, info);

@@ -50,7 +50,8 @@ UBS_FN vreal opacity_penalty_vjp(vreal raw_opacity, real weight) {
 // Returns d/d raw of weight * softplus(raw).
 UBS_FN vreal scale_penalty_vjp(vreal raw_scale, real weight) { return weight * ubs_sigmoid(raw_scale); }
 
-// Whether the parameters of a row have a penalty, and its gradient. The weights are those of one splat.
+// These functions return whether a row of parameters has a penalty, and the gradient of the penalty with respect to the
+// raw parameter. The weights are those of one splat.
 UBS_FN int has_penalty(int row, PenaltyWeights w) {
   if (row == kRowOpacity) return w.opacity != R(0.0);
   if (row >= kRowScale && row < kRowScale + 3) return w.scale != R(0.0);

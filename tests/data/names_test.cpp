@@ -42,12 +42,6 @@ void put_model(const fs::path& folder, const std::vector<std::string>& names) {
   put(folder / "images.txt", text);
 }
 
-void put_rows(const fs::path& folder, int count) {
-  std::vector<double> rows;
-  for (int i = 0; i < count; ++i) add_row(rows, i);
-  put_poses(folder / "poses_bounds.npy", rows);
-}
-
 // Opens the folder in each of the layouts that name files: stated names, files on the disk.
 struct Opened {
   std::size_t views = 0;

@@ -259,13 +259,8 @@ TEST_CASE("dataset: formats of images that are not supported are named", "[datas
 
 TEST_CASE("llff: masks beside the images", "[llff]") {
   const TempFolder folder;
-  std::vector<double> rows;
-  for (int i = 0; i < 2; ++i) {
-    add_row(rows, i);
-    put_image(folder / fmt::format("images/{}.png", i), 128, 96);
-  }
-  put_poses(folder / "poses_bounds.npy", rows);
-  put_image(folder / "masks/1.png", 128, 96);
+  put_rows(folder.path(), 2);
+  for (const char* name : {"images/0.png", "images/1.png", "masks/1.png"}) put_image(folder / name, 128, 96);
   const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 0}});
   const std::vector<View>& views = data.find("train")->views;
   CHECK(views[0].image.mask.empty());
@@ -274,13 +269,9 @@ TEST_CASE("llff: masks beside the images", "[llff]") {
 
 TEST_CASE("llff: hidden files of macOS are no images", "[llff]") {
   const TempFolder folder;
-  std::vector<double> rows;
-  for (int i = 0; i < 2; ++i) {
-    add_row(rows, i);
-    put_image(folder / fmt::format("images/{}.png", i), 128, 96);
-  }
+  put_rows(folder.path(), 2);
+  for (const char* name : {"images/0.png", "images/1.png"}) put_image(folder / name, 128, 96);
   put(folder / "images/._0.png", "resource fork");
-  put_poses(folder / "poses_bounds.npy", rows);
   CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 2);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows of poses_bounds.npy, the cameras of LLFF and N3V folders.
+// This file writes poses_bounds.npy, the cameras of LLFF and N3V folders.
 #pragma once
 
 #include <fmt/format.h>
@@ -32,6 +32,13 @@ inline void put_poses(const std::filesystem::path& path, const std::vector<doubl
   bytes += header;
   bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(double));
   put(path, bytes);
+}
+
+// Writes poses_bounds.npy of this number of cameras into a folder.
+inline void put_rows(const std::filesystem::path& folder, int count) {
+  std::vector<double> rows;
+  for (int i = 0; i < count; ++i) add_row(rows, i);
+  put_poses(folder / "poses_bounds.npy", rows);
 }
 
 }  // namespace ubs::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Panoramas and fisheye images that are composed of faces (host/api/lens_image.hpp).
+// Tests panoramas and fisheye images that are composed of faces (host/api/lens_image.hpp).
 #include "host/api/lens_image.hpp"
 
 #include <catch2/catch.hpp>
@@ -16,13 +16,14 @@ using Catch::Contains;
 
 namespace {
 
-// A smooth colour of each direction of the world.
+// Returns a colour that depends smoothly on the direction in the world.
 Ray colour_of(const Ray& direction) {
   const Ray d = normalised(direction);
   return {0.5 + 0.3 * d[0], 0.5 + 0.2 * d[1] * d[2], 0.4 + 0.3 * d[2] * d[0]};
 }
 
-// What a pinhole camera sees of it; depths are those of a sphere of radius 5 around the camera.
+// Returns the image of these colours in a pinhole camera. The depths are those of a sphere of radius 5 around
+// it.
 RenderedView seen_by(const Camera& camera) {
   RenderedView view{camera.width, camera.height, {}, {}, {}};
   for (int y = 0; y < camera.height; ++y)
@@ -56,7 +57,7 @@ RenderedView composed(const WideLens& lens, const Camera& camera) {
   return image.compose(faces);
 }
 
-// The direction in the world that a pixel of the image shows, by the definition of the two lenses.
+// Returns the direction in the world that a pixel of the image shows, from the definitions of the two lenses.
 Ray direction(const std::string& lens, double degrees, int width, int height, double x, double y) {
   Ray ray;
   if (lens == "equirectangular") {
@@ -118,4 +119,9 @@ TEST_CASE("lens image: wrong lenses and sizes", "[lens]") {
                Contains("--lens") && Contains("fisheye:DEGREES"));
   CHECK_THAT(message_of([&] { LensImage{wide_lens("equirectangular", 8, 4)}; }, ErrorKind::usage),
              Contains("8x4 pixels are too few"));
+  // Some faces would have too few pixels, others enough.
+  CHECK_THAT(message_of([&] { LensImage{wide_lens("fisheye:200", 40, 40)}; }, ErrorKind::usage),
+             Contains("40x40 pixels are too few"));
+  CHECK_THAT(message_of([&] { LensImage{wide_lens("fisheye:10", 4096, 4096)}; }, ErrorKind::usage),
+             Contains("4096x4096 pixels are too many for 10 degrees"));
 }
