@@ -117,7 +117,8 @@ class CudaDevice final : public Device, public TunableDevice {
   static Parameter argument(const BufferView<T>& view) {
     return pointer_of(view);
   }
-  template <typename Parameter, KernelValue T>
+  template <typename Parameter, typename T>
+  requires kKernelValue<T>
   static Parameter argument(const T& value) {
     static_assert(std::is_same_v<Parameter, T>, "value of another type than the kernel's parameter");
     return value;

@@ -17,9 +17,10 @@ using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
-// A kernel argument that is passed by value: a number or one of the shared structs.
+// Whether kernels take arguments of this type by value: numbers and the structs that host and kernels share.
+// (CUDA sources are C++17, which has no concepts.)
 template <typename T>
-concept KernelValue =
+inline constexpr bool kKernelValue =
     std::is_arithmetic_v<T> || std::is_same_v<T, LossWeights> || std::is_same_v<T, PenaltyWeights>;
 
 template <typename Signature>

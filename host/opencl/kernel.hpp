@@ -81,10 +81,9 @@ class Kernel {
     for (const BufferView<float>& piece : slots.pieces) set(index, piece);
     set(index, slots.bits);
   }
-  template <KernelValue T>
-  void set(cl_uint& index, const T& value) {
-    set_bytes(index++, sizeof value, &value);
-  }
+  template <typename T>
+  requires kKernelValue<T>
+  void set(cl_uint& index, const T& value) { set_bytes(index++, sizeof value, &value); }
 
   static cl_mem memory_of(Memory* memory);
   // Throws Error(device) if groups of the kernel cannot have this many work-items, or if the device has less
