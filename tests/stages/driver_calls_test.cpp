@@ -368,7 +368,7 @@ TEST_CASE("cards with small work-groups run the kernels for CPUs, and say so", "
     most_local_bytes = 0;
     std::unique_ptr<Device> device;
     const std::string said = warnings_of([&] { device = opencl::open_device(0); });
-    CHECK_THAT(said, Catch::Contains("the slower kernels for CPUs are used"));
+    CHECK_THAT(said, Catch::Contains("the slower CPU kernels are used"));
     CHECK(raster_kind("auto", device->info()) == RasterKind::cpu);
     CHECK(test::relative_error(gradient(*device), expected) < 2e-5);
     REQUIRE(groups.size() > 10);
