@@ -48,10 +48,12 @@
 // of UBS_COUPLED_RELATIVE.
 #define UBS_COUPLED_RELATIVE R(0.03)
 #define UBS_COUPLED_WEIGHT R(1e-3)
-// The factor is used only while the sum of the absolute entries of K' is below this limit, because K' has an error of
-// 1e-7 times this sum in every direction. Without a limit one of 160 random cases fails; with 200 one of 10 000 fails;
-// with 100 the sweep `coupled_weights` has an error of 2.3e-3 (docs/results/2026-11-20-stability-sweeps.md).
-#define UBS_COUPLED_SHRINK R(120.0)
+// The factor is used only while the sum of the absolute entries of K' is below this limit (the sum is 3 for K' = I).
+// K' has an error of 1e-7 times this sum in every direction, and the splat that it is applied to is very thin in one of
+// them. Of 30 000 random models with strong coupling and query weights below 1, 58 fail with a limit of 120, 15 with 30,
+// 3 with 8 and 2 with 4. If divisions have errors of 3 ulp, 302, 94, 29 and 21 fail
+// (docs/results/2026-11-28-disturbed-division.md).
+#define UBS_COUPLED_SHRINK R(4.0)
 // Direct conditioning: if a row of the precision's factor L is longer than this, the view direction is computed with a
 // correction for its rounding errors (direction_rest() of splat.h). The mean moves by L L^T x, so that an error of half
 // an ulp in x (6e-8) moves it by 5e-5 of the size of the splat for rows of this length, and by more for longer rows.

@@ -30,7 +30,11 @@ UBS_FN Projected project(CameraView cam, Vec3 r, FrameMap m, FrameMat k) {
     out.p.e[i] = cam.rotation[i][0] * r.e[0] + cam.rotation[i][1] * r.e[1] + cam.rotation[i][2] * r.e[2];
   vmask in_range = (out.p.e[2] >= (vreal)(cam.near_plane)) & (out.p.e[2] <= (vreal)(cam.far_plane));
   vreal z = in_range ? out.p.e[2] : V(1.0);  // keeps culled lanes finite
+  // OpenCL allows an error of 2.5 ulp in a division. In 1/z, 3 ulp move a splat by 3e-3 pixels in an image that is 8000
+  // pixels wide. One Newton step removes this error. Where divisions round correctly it changes no bit; all 2^23
+  // mantissas were tried.
   vreal inv_z = V(1.0) / z;
+  inv_z = ubs_fma(inv_z, ubs_fma(-z, inv_z, V(1.0)), inv_z);
   vreal slope_x = out.p.e[0] * inv_z;
   vreal slope_y = out.p.e[1] * inv_z;
   out.x = cam.fx * slope_x + cam.cx;

@@ -28,8 +28,11 @@ double norm(std::span<const double> values) {
   return std::sqrt(sum);
 }
 
-double relative(double difference, double size) {
-  if (!(difference > kNothing)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
+// The relative difference. It is 0 if the difference is not larger than `least`. The floors, which say how far half an
+// ulp of the inputs moves a value, are computed with least = 0: if they were cut off like the errors, a gradient of
+// 1e-17 would be allowed no error at all.
+double relative(double difference, double size, double least) {
+  if (!(difference > least)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
   return difference / std::max(size, kNothing);
 }
 
@@ -50,7 +53,7 @@ oracle::Options oracle_options(const Case& c) {
 
 // Returns the relative distance of two images over the decided pixels.
 template <class T>
-double image_distance(std::span<const T> a, const oracle::Study& study) {
+double image_distance(std::span<const T> a, const oracle::Study& study, double least) {
   const std::vector<double>& b = study.image.image;
   const std::size_t pixels = study.undecided.size();
   double difference = 0, size = 0;
@@ -60,13 +63,13 @@ double image_distance(std::span<const T> a, const oracle::Study& study) {
     difference += d * d;
     size += b[i] * b[i];
   }
-  return relative(std::sqrt(difference), std::sqrt(size));
+  return relative(std::sqrt(difference), std::sqrt(size), least);
 }
 
 void compare_images(const Expectation& expected, const DeviceResult& actual, Verdict& v) {
-  v.value_error = image_distance(std::span<const float>(actual.image), expected.study);
+  v.value_error = image_distance(std::span<const float>(actual.image), expected.study, kNothing);
   for (const oracle::Neighbour& n : expected.study.neighbours)
-    v.value_floor = std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study));
+    v.value_floor = std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study, 0));
 }
 
 // Stores the errors of the group with the largest ratio of error to allowed error.
@@ -81,11 +84,11 @@ void compare_gradients(const Case& c, const Expectation& expected, const DeviceR
     const double length = norm(exact);
     std::vector<double> difference(size);
     for (std::size_t i = 0; i < size; ++i) difference[i] = actual.gradient.values[first + i] - exact[i];
-    const double error = relative(norm(difference), length);
+    const double error = relative(norm(difference), length, kNothing);
     double floor = 0;
     for (const oracle::Neighbour& n : expected.study.neighbours) {
       for (std::size_t i = 0; i < size; ++i) difference[i] = n.gradient[first + i] - exact[i];
-      floor = std::max(floor, relative(norm(difference), length));
+      floor = std::max(floor, relative(norm(difference), length, 0));
     }
     const double share = error / std::max(kPromise, kConditioning * floor);
     if (!(share > worst)) continue;
