@@ -14,8 +14,10 @@ ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape) {
   maps.pitch = shape.pitch() + stage_sizes::kMapMargin;
   maps.plane = maps.pitch * (shape.rows() + 2 * stage_sizes::kLossRadius);
   if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
-  reserve(device_, maps_, "loss maps", 9 * static_cast<std::size_t>(maps.plane));
-  maps_.zero();
+  constexpr unsigned planes = 9;
+  reserve(device_, maps_, "loss maps", planes * static_cast<std::size_t>(maps.plane));
+  device_.launch("loss_margins", plain_.margins, dim3{static_cast<unsigned>(maps.plane / maps.pitch), planes},
+                 kLossBlock, maps_.view(), maps.pitch, maps.plane, shape.pitch());
   shape_ = shape;
   return maps;
 }

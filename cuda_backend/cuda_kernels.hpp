@@ -86,6 +86,7 @@ WeightKernels weight_kernels_plain();
 constexpr unsigned kLossBlock = 128, kLossTotalBlock = 192;
 constexpr int kLossTileX = 32;
 struct LossKernels {
+  Kernel<LossMarginsKernel> margins;
   Kernel<LossWindowKernel> window;
   Kernel<LossGradientKernel> gradient;
   Kernel<LossTotalKernel> total;

@@ -23,8 +23,8 @@ Raster::Raster(CudaDevice& device, const KernelConfig& config)
     : device_(device), config_(config), kernels_(raster_kernels(device, config)) {}
 
 void Raster::run(const RasterForward& work) {
-  check_raster(work, config_.backward);
-  if (config_.backward) check_list_states(work);
+  check_raster(work, work.masks.size > 0);
+  if (work.masks.size > 0) check_list_states(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   const ImageShape& shape = work.shape;

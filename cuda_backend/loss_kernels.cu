@@ -39,8 +39,9 @@ AppearanceTable appearance_kernels() {
 }
 
 LossKernels loss_kernels(bool with_mask) {
-  if (with_mask) return {masked::loss_window, masked::loss_gradient, masked::loss_total};
-  return {plain::loss_window, plain::loss_gradient, plain::loss_total};
+  if (with_mask)
+    return {masked::loss_margins, masked::loss_window, masked::loss_gradient, masked::loss_total};
+  return {plain::loss_margins, plain::loss_window, plain::loss_gradient, plain::loss_total};
 }
 
 }  // namespace ubs::cuda

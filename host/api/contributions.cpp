@@ -16,6 +16,7 @@ Contributions measure_contributions(Device& device, Renderer& renderer, const De
   out.in_views.assign(out.splats, 0);
   Buffer<float> by_slot(device, "weights by slot", 1);
   std::vector<float> slots;
+  renderer.keep_lists();
   for (std::size_t v = 0; v < views; ++v) {
     const ListTotals totals = renderer.forward(model.view(), static_cast<std::uint32_t>(v), settings, false);
     const RasterForward lists = renderer.last_lists();

@@ -11,9 +11,9 @@
 namespace ubs::check {
 namespace {
 
-constexpr float kDead = -8;               // raw opacity
-// tests/stages/mcmc_test.cpp observed 2.4e-7. If exp, log and division have the error of 3 ulp that OpenCL allows, it is
-// 1.8e-6: raw opacities are as large as 5, and 3 ulp of a logarithm of that size are 1.4e-6.
+constexpr float kDead = -8;  // raw opacity
+// tests/stages/mcmc_test.cpp observed 2.4e-7. If exp, log and division have the error of 3 ulp that OpenCL
+// allows, it is 1.8e-6: raw opacities are as large as 5, and 3 ulp of a logarithm of that size are 1.4e-6.
 constexpr double kOpacityBound = 3.6e-6;
 constexpr double kNoiseBound = 1.7e-5;  // as in tests/stages/mcmc_test.cpp; 8.5e-6 was observed
 

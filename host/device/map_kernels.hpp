@@ -85,6 +85,7 @@ using RasterJoinKernel = void(const u32* tile_ranges, int tiles_x, int tiles_y, 
 using MeasureWeightsKernel = void(const float* records, const u32* sorted_ids, const u32* sorted_slots,
                                   const u32* tile_ranges, int tiles_x, int tiles_y, int width, int height,
                                   const u16* masks, float* weights);
+using LossMarginsKernel = void(float* maps, int map_pitch, int map_plane, int pitch);
 using LossWindowKernel = void(const float* image, const u8* target, const float* target_float, int width,
                               int height, int pitch, int rows, int first_channel, int channels, float low,
                               float high, float* maps, int map_pitch, int map_plane, float* tile_sums,

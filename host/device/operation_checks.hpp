@@ -20,7 +20,7 @@ inline void check_backward(const KernelConfig& config, const char* stage) {
   if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
 }
 
-// For RasterForward and RasterBackward. slots: whether masks and slots exist.
+// For RasterForward and RasterBackward. slots: whether masks and slots are needed.
 template <typename Work>
 void check_raster(const Work& work, bool slots) {
   const auto require = [](bool holds, const char* what) {

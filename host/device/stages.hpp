@@ -32,6 +32,7 @@ struct KernelConfig {
   bool query_grad = false;    // the gradient includes the path through the view direction
   bool depth = false;         // the forward rasteriser also writes the expected depth
   bool depth_grad = false;    // gradients of projected splats include the depth (kGradDepth)
+  bool absgrad = false;       // kGradX and kGradY sum absolute values (UBS_ABSGRAD of kernels/variant.h)
   ModelVariant variant = {};  // variant of the method; together with `dim` it determines the parameter rows
   float alpha_min = 0;        // contributions with alpha <= alpha_min are skipped; 0: none are skipped
   // Whether there is a backward pass. Without it there are no slots and masks, and training stages are
@@ -105,8 +106,8 @@ struct BuildLists {
   ImageShape shape;
   BufferView<std::uint32_t> depth_keys, tile_rects, slot_offsets;
   BufferView<std::uint32_t> sorted_ids;  // out (intersections): index of the splat
-  // out (intersections): slot_offsets[splat] + index of the tile in the splat's rectangle (row-major); not
-  // written without a backward pass
+  // out (intersections): slot_offsets[splat] + index of the tile in the splat's rectangle (row-major). Not
+  // written without a backward pass. With RasterKind::gpu it may be empty.
   BufferView<std::uint32_t> sorted_slots;
   BufferView<std::uint32_t> tile_ranges;  // out (tiles + 1): first intersection of each tile
   bool bounded = false;                   // count_lists did not wait: `totals` are upper bounds
@@ -125,10 +126,10 @@ struct RasterForward {  // method.md 2.6
   // out (intersections), indexed by SLOT: the 4x4 pixel blocks of the tile that the splat may affect, as bits
   // 4 by + bx. These are the blocks that the splat reaches while they are open; they include at least all
   // blocks in which it is composited or finishes a pixel. 0: the splat contributes nothing to the tile. Not
-  // written without a backward pass.
+  // written without a backward pass. With RasterKind::gpu it may be empty.
   BufferView<std::uint16_t> masks;
   // out, list_state_floats(intersections) of stage_sizes.hpp: the pixels in front of the segments of lists
-  // (kernels/gpu/list_segments.h). Empty for RasterKind::cpu, and without a backward pass.
+  // (kernels/gpu/list_segments.h). Empty for RasterKind::cpu, without a backward pass, and if masks is empty.
   BufferView<float> states;
   BufferView<std::uint32_t> long_lists = {};  // from BuildLists; empty: long lists are not divided
 };

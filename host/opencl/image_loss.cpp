@@ -69,18 +69,20 @@ Range ImageLossKernels::tiles(const ImageShape& shape) const {
   return {round_up(shape.pitch(), tile_x_) / tile_x_, shape.rows() / stage_sizes::kLossTileRows, 1};
 }
 
-ImageLossKernels::Maps ImageLossKernels::prepare(const ImageShape& shape, bool gradient) {
+ImageLossKernels::Maps ImageLossKernels::prepare(const ImageLoss& loss) {
+  const ImageShape& shape = loss.shape;
   const Range count = tiles(shape);
   if (tile_sums_.size() < 3 * count.x * count.y * 4)
     tile_sums_ = Buffer<float>(device_, "loss tile sums", 3 * count.x * count.y * 4);
-  if (!gradient) return {};
+  if (loss.v_image.size == 0) return {};
   Maps maps;
   maps.pitch = shape.pitch() + stage_sizes::kMapMargin;
   maps.plane = maps.pitch * (shape.rows() + 2 * stage_sizes::kLossRadius);
   if (shape.pitch() == shape_.pitch() && shape.rows() == shape_.rows()) return maps;
-  const std::size_t size = channels(shape) * 3 * maps.plane;
+  const std::size_t planes = channels(shape) * 3, size = planes * maps.plane;
   if (maps_.size() < size) maps_ = Buffer<float>(device_, "loss maps", size);
-  maps_.zero();
+  kernels(loss)[kLossMargins](Range{maps.plane / maps.pitch * group_, planes}, Range{group_}, maps_.view(),
+                              static_cast<int>(maps.pitch), static_cast<int>(maps.plane), shape.pitch());
   shape_ = shape;
   return maps;
 }
@@ -111,7 +113,7 @@ void ImageLossKernels::run_channels(const ImageLoss& loss, int first_channel, co
 void ImageLossKernels::run(const ImageLoss& loss) {
   check_image_loss(loss);
   const ImageShape& shape = loss.shape;
-  const Maps maps = prepare(shape, loss.v_image.size > 0);
+  const Maps maps = prepare(loss);
   for (int channel = 0; channel < 3; channel += static_cast<int>(channels(shape)))
     run_channels(loss, channel, maps);
   const Range count = tiles(shape);

@@ -20,7 +20,7 @@ class ImageLossKernels {
   };
   std::size_t channels(const ImageShape& shape) const;  // number of channels per launch
   Range tiles(const ImageShape& shape) const;
-  Maps prepare(const ImageShape& shape, bool gradient);
+  Maps prepare(const ImageLoss& loss);
   void run_channels(const ImageLoss& loss, int first_channel, const Maps& maps);
 
   OpenclDevice& device_;

@@ -54,6 +54,7 @@ inline constexpr Declared<void(u32 count, const u32* tile_counts, const u32* slo
 inline constexpr Declared<MeasureWeightsKernel> kMeasureWeights{"measure_weights"};
 
 // ---- Image loss ----
+inline constexpr Declared<LossMarginsKernel> kLossMargins{"loss_margins"};
 inline constexpr Declared<LossWindowKernel> kLossWindow{"loss_window"};
 inline constexpr Declared<LossGradientKernel> kLossGradient{"loss_gradient"};
 inline constexpr Declared<LossTotalKernel> kLossTotal{"loss_total"};

@@ -49,7 +49,6 @@ constexpr Range kListGroup{kGroupSize};
 Lists::Lists(OpenclDevice& device, const KernelConfig& config)
     : device_(device),
       chunks_(config.raster == RasterKind::cpu),
-      slots_(config.backward),
       core_groups_(device, chunks_ ? cores_for_groups(device) : 0),
       kernels_(device, core_groups_.program(list_program(config))),
       radix_(device,
@@ -248,7 +247,7 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
 
   Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
   Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
-           slots_ ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
+           lists.sorted_slots.size > 0 ? scratch(pair_slots_, pairs) : BufferView<std::uint32_t>{}};
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends in the buffers it started in, an odd number in the other ones.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);

@@ -64,7 +64,7 @@ class Lists {
   void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift);
 
   OpenclDevice& device_;
-  bool chunks_, slots_;
+  bool chunks_;
   CoreGroups core_groups_;
   KernelSet kernels_, radix_;
   Scan scan_;

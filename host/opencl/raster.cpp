@@ -121,8 +121,8 @@ KernelSet& Raster::raster(bool pieces) {
 }
 
 void Raster::run(const RasterForward& work) {
-  check_raster(work, config_.backward);
-  if (!on_cpu(config_) && config_.backward) check_list_states(work);
+  check_raster(work, on_cpu(config_) ? config_.backward : work.masks.size > 0);
+  if (!on_cpu(config_) && work.masks.size > 0) check_list_states(work);
   require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
   require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
   KernelSet& kernels = raster(false);

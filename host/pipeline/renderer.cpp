@@ -83,6 +83,12 @@ void interleave_row(const float* from, std::size_t plane, std::size_t width, flo
   for (; x < width; ++x) one(x);
 }
 
+// Returns the maximum number of intersections of recent views. A view counts less with each later view: after
+// 44 of them half.
+std::uint64_t recent_maximum(std::uint64_t recent, std::uint64_t intersections) {
+  return std::max(intersections, recent - recent / 64);
+}
+
 }  // namespace
 
 std::vector<float> padded_planes(std::span<const float> planes, const ImageShape& shape) {
@@ -224,6 +230,7 @@ void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
   settings_ = settings;
+  for_backward_ = for_backward;
   if (settings_.sky && settings_.sky != uploaded_sky_) set_sky(*settings_.sky);
 }
 
@@ -262,7 +269,7 @@ void Renderer::list_and_draw(const ListTotals& totals, bool bounded) {
                        .tile_rects = tile_rects_.view(),
                        .slot_offsets = slot_offsets_.view(),
                        .sorted_ids = sorted_ids_.view(),
-                       .sorted_slots = sorted_slots_.view(),
+                       .sorted_slots = last_lists().sorted_slots,
                        .tile_ranges = tile_ranges_.view(),
                        .bounded = bounded,
                        .long_lists = long_lists_.view()});
@@ -298,6 +305,7 @@ ListTotals Renderer::list_counted(bool for_backward) {
                                  .tile_counts = tile_counts_.view(),
                                  .depth_keys = depth_keys_.view(),
                                  .slot_offsets = slot_offsets_.view()});
+  recent_ = recent_maximum(recent_, totals_.intersections);
   reserve_lists(totals_, for_backward);
   list_and_draw(totals_, false);
   return totals_;
@@ -305,6 +313,7 @@ ListTotals Renderer::list_counted(bool for_backward) {
 
 std::uint64_t Renderer::list_room(bool for_backward) const {
   std::uint64_t room = std::min<std::uint64_t>(sorted_ids_.size(), 0xffffffffu);
+  if (recent_ > 0) room = std::min(room, recent_ + recent_ / 4);
   if (stages_.config().backward) room = std::min<std::uint64_t>({room, sorted_slots_.size(), masks_.size()});
   if (divides_lists() && list_states_.size() < stage_sizes::list_state_floats(room)) return 0;
   return for_backward ? std::min(room, slots_.size()) : room;
@@ -330,7 +339,7 @@ UncountedView Renderer::forward_uncounted(std::span<const RenderGroup> groups, s
                                                  .room = room});
   auto read = device_.read_later(*list_totals_.view().memory, 0, 2 * sizeof(std::uint64_t));
   list_and_draw(bounds, true);
-  return {room, std::move(read)};
+  return {room, std::move(read), recent_};
 }
 
 const ListTotals& UncountedView::totals() {
@@ -338,23 +347,26 @@ const ListTotals& UncountedView::totals() {
     std::array<std::uint64_t, 2> counted{};
     std::memcpy(counted.data(), read_->wait().data(), sizeof counted);
     totals_ = {counted[0], counted[1]};
+    *recent_ = recent_maximum(*recent_, totals_.intersections);
     read_.reset();
   }
   return totals_;
 }
 
+// On CPUs the kernels of stages with a backward pass always write slots and masks.
 RasterForward Renderer::last_lists() const {
+  const bool keeps = for_backward_ || keeps_lists_ || !divides_lists();
   return {.shape = shape_,
           .records = records_.view(),
           .sorted_ids = sorted_ids_.view(),
-          .sorted_slots = sorted_slots_.view(),
+          .sorted_slots = keeps ? sorted_slots_.view() : BufferView<std::uint32_t>{},
           .tile_ranges = tile_ranges_.view(),
           .background = settings_.sky ? std::array<float, 3>{} : settings_.background,
           .image = image_.view(),
           .transmittance = transmittance_.view(),
           .depth = depth_.view(),
-          .masks = masks_.view(),
-          .states = list_states_.view(),
+          .masks = keeps ? masks_.view() : BufferView<std::uint16_t>{},
+          .states = keeps ? list_states_.view() : BufferView<float>{},
           .long_lists = long_lists_.view()};
 }
 
@@ -425,6 +437,8 @@ ProjectBackward Renderer::projection_of(const RenderGroup& group, std::uint32_t 
 }
 
 void Renderer::backward_to_records() {
+  if (!for_backward_)
+    fail(ErrorKind::internal, "the last view was rendered forward only, without for_backward");
   stages_.raster_backward({.shape = shape_,
                            .records = records_.view(),
                            .sorted_ids = sorted_ids_.view(),

@@ -62,8 +62,9 @@ struct DrawnSplats {
 class UncountedView {
  public:
   explicit UncountedView(const ListTotals& known) : totals_(known) {}
-  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read)
-      : room_(room), read_(std::move(read)) {}
+  // recent: the longest lists of recent views, which totals() updates; it must outlive the view.
+  UncountedView(std::uint64_t room, std::unique_ptr<PendingRead> read, std::uint64_t& recent)
+      : room_(room), read_(std::move(read)), recent_(&recent) {}
 
   // Waits until the intersections are counted, but not until the view is rendered.
   const ListTotals& totals();
@@ -75,6 +76,7 @@ class UncountedView {
   ListTotals totals_;
   std::uint64_t room_ = ~std::uint64_t{0};
   std::unique_ptr<PendingRead> read_;  // null after the wait
+  std::uint64_t* recent_ = nullptr;
 };
 
 class Renderer {
@@ -94,10 +96,10 @@ class Renderer {
   // number also decides the order at equal depths.
   ListTotals forward(std::span<const RenderGroup> groups, std::uint32_t camera,
                      const RenderSettings& settings, bool for_backward);
-  // Renders for backward without waiting for the size of the lists. The lists can have the size for which
-  // buffers are allocated; only if none are allocated yet, the call waits. Image and gradient must not be
-  // used before UncountedView::had_room() has returned true. If it returns false, forward() enlarges the
-  // buffers.
+  // Renders for backward without waiting for the size of the lists. The lists can be 1.25 times as long as
+  // those of recent views, if the buffers are large enough; if there is no buffer yet, the call waits. Image
+  // and gradient must not be used before UncountedView::had_room() has returned true. If it returns false,
+  // forward() enlarges the buffers.
   UncountedView forward_uncounted(const SplatView& splats, std::uint32_t camera,
                                   const RenderSettings& settings);
   // Computes the gradient of the last rendered view, from v_image() into v_params, which has the layout of
@@ -158,6 +160,9 @@ class Renderer {
   // Returns the inputs and outputs of the rasteriser for the last rendered view. They are valid until the
   // next view.
   RasterForward last_lists() const;
+  // A GPU writes the sorted slots, masks and states of last_lists() only for views with for_backward. After
+  // this call it writes them for every view. Call it before measure_weights(), which reads them.
+  void keep_lists() { keeps_lists_ = true; }
   // Rasterises the same lists again with the present contents of the records, in front of black.
   void draw_again() {
     RasterForward again = last_lists();
@@ -191,7 +196,8 @@ class Renderer {
   bool divides_lists() const {
     return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
   }
-  // Number of intersections for which all buffers are large enough.
+  // Number of intersections that the lists of a view can have before they are counted: all buffers are large
+  // enough, and not much more than recent views had, because CUDA also sorts places that are not used.
   std::uint64_t list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);
@@ -206,9 +212,11 @@ class Renderer {
   Buffer<float> records_, v_records_;
   Buffer<std::uint32_t> depth_keys_, tile_rects_, tile_counts_, slot_offsets_;
   Buffer<std::uint64_t> list_totals_;  // (2), of forward_uncounted()
+  std::uint64_t recent_ = 0;           // intersections; see recent_maximum()
   Buffer<std::uint32_t> sorted_ids_, sorted_slots_, tile_ranges_, long_lists_;
   Buffer<std::uint16_t> masks_;
   Buffer<float> list_states_;
+  bool keeps_lists_ = false;
   SlotStore slots_;
   Buffer<float> image_, v_image_, transmittance_, depth_;
   Buffer<float> v_camera_;  // allocated by the first camera_gradient()
@@ -217,6 +225,7 @@ class Renderer {
 
   // Data of the last rendered view.
   ImageShape shape_;
+  bool for_backward_ = false;
   std::vector<RenderGroup> groups_;
   std::uint32_t count_ = 0;  // splats of all groups
   std::uint32_t camera_ = 0;

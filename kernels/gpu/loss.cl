@@ -4,6 +4,7 @@
 // first, then along rows. On CPUs a work-group is one work-item with UBS_VW lanes; on GPUs (UBS_VW = 1) LOSS_GROUP
 // work-items share the loops.
 //
+//   loss_margins     zeros around the maps, after the shape of the images has changed
 //   loss_window      image, target -> sums of the tile; if a gradient is requested, also the three maps of
 //                    ssim_point(), with one plane per channel, padded with zeros by the radius of the window
 //   loss_gradient    maps, image, target -> v_image
@@ -351,6 +352,17 @@ UBS_FN LossTile loss_tile(uint group, int pitch, int channels) {
   return tile;
 }
 #endif
+
+// Writes zeros into the margins of the maps. One work-group for each row of each plane. Needed once after the shape of
+// the images has changed, because the kernels below write only the places of pixels.
+UBS_KERNEL UBS_GROUP(LOSS_GROUP) void loss_margins(UBS_GLOBAL float* maps, int map_pitch, int map_plane, int pitch) {
+  int row = (int)ubs_group_at(0), rows = map_plane / map_pitch;
+  UBS_GLOBAL float* at = maps + (size_t)ubs_group_at(1) * map_plane + (size_t)row * map_pitch;
+  int has_pixels = row >= kSsimRadius && row < rows - kSsimRadius;
+  int zeros = has_pixels ? map_pitch - pitch : map_pitch;
+  for (int i = ubs_local_id(); i < zeros; i += LOSS_GROUP)
+    at[has_pixels && i >= LOSS_MAP_MARGIN ? i + pitch : i] = 0.0f;
+}
 
 #define LOSS_TILE_SUMS 4  // the first kLossQuantities of them are used
 

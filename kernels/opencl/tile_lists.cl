@@ -100,7 +100,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersect
   const uint width = tile_rect_width(rect), row = number / width;
   tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
   ids[place] = id;
-  if (!UBS_FORWARD_ONLY) slots[place] = slot_offsets[id] + number;
+  if (slots) slots[place] = slot_offsets[id] + number;
 }
 
 // Finds the start of each tile's list by bisection. Empty tiles at the ends or in between need no special case.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drawing alone: GPUs are given all of a view before the host asks how long its lists are; results are those
 // of a renderer that waits, also where the lists had no room.
+#include <array>
 #include <catch2/catch.hpp>
 #include <set>
 
@@ -63,6 +64,64 @@ TEST_CASE("GPUs are given a view to draw before it is counted", "[renderer]") {
       CHECK(drawing.draw(large) == expected);
       CHECK(drawing.waited() == !gpu);
     }
+}
+
+TEST_CASE("a view that is only drawn has no slots, masks and states on cards, and the same image",
+          "[renderer]") {
+  const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
+  for (const auto& device : devices_under_test()) {
+    INFO(describe(device->info()));
+    CaptureStages stages(make_stages(*device, {.dim = 3, .raster = RasterKind::gpu}));
+    const DeviceModel model(*device, scene.model);
+    Renderer renderer(*device, stages);
+    renderer.set_cameras({scene.views.views[0].camera});
+    const auto written = [&] {
+      const auto lists = stages.last<BuildLists>();
+      const auto raster = stages.last<RasterForward>();
+      return std::array{lists.sorted_slots.size > 0, raster.sorted_slots.size > 0, raster.masks.size > 0,
+                        raster.states.size > 0};
+    };
+    constexpr std::array kAll{true, true, true, true}, kNone{false, false, false, false};
+    renderer.forward(model.view(), 0, {}, true);
+    const std::vector<float> expected = renderer.download().rgb;
+    CHECK(written() == kAll);
+    renderer.forward(model.view(), 0, {}, false);
+    CHECK(written() == kNone);
+    CHECK(renderer.download().rgb == expected);
+    CHECK_THROWS_WITH(renderer.backward_to_records(), Catch::Contains("for_backward"));
+    renderer.keep_lists();
+    renderer.forward(model.view(), 0, {}, false);
+    CHECK(written() == kAll);
+    CHECK(renderer.download().rgb == expected);
+  }
+}
+
+TEST_CASE("lists that are not counted have little more room than recent views needed", "[renderer]") {
+  const bench::BenchScene few = bench::random_start(3, 300, 64, 64),
+                          many = bench::random_start(3, 3000, 64, 64);
+  for (const auto& device : devices_under_test()) {
+    INFO(describe(device->info()));
+    CaptureStages stages(make_stages(*device, {.dim = 3}));
+    const DeviceModel small(*device, few.model), large(*device, many.model);
+    Renderer renderer(*device, stages);
+    renderer.set_cameras({few.views.views[0].camera});
+    const auto room_after = [&](const DeviceModel& model) {
+      UncountedView view = renderer.forward_uncounted(model.view(), 0, {});
+      CHECK(view.had_room());
+      return stages.last<CountLists>().room;
+    };
+    const std::uint64_t most = renderer.forward(large.view(), 0, {}, true).intersections;
+    const std::vector<float> expected = renderer.download().rgb;
+    CHECK(room_after(large) <= most + most / 4);
+    CHECK(room_after(small) <= most + most / 4);  // the first view is still recent
+    CHECK(room_after(small) >= most);
+    for (int k = 0; k < 300; ++k) room_after(small);
+    CHECK(room_after(small) < most);
+    CHECK_FALSE(renderer.forward_uncounted(large.view(), 0, {}).had_room());
+    CHECK(renderer.forward(large.view(), 0, {}, true).intersections == most);
+    CHECK(renderer.download().rgb == expected);
+    CHECK(room_after(large) >= most);
+  }
 }
 
 // Also where rows and the caller's memory begin anywhere.

@@ -76,8 +76,8 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   CHECK(without(labels(*training), labels(*drawing)) == for_training);
   CHECK(without(opencl_of(*training).created_kernels(), opencl_of(*drawing).created_kernels()) ==
         Names{"raster_cpu_backward", "sum_slots_vector", "project_backward", "project_backward_adam",
-              "adam_step_watched", "loss_window", "loss_gradient", "loss_total", "regularise", "add_noise",
-              "mcmc_weights", "mcmc_draw", "mcmc_sources", "mcmc_copies", "scan_write"});
+              "adam_step_watched", "loss_margins", "loss_window", "loss_gradient", "loss_total", "regularise",
+              "add_noise", "mcmc_weights", "mcmc_draw", "mcmc_sources", "mcmc_copies", "scan_write"});
 
   const auto groups = fresh_device();
   render(*groups, data, RasterKind::gpu);

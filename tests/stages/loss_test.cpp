@@ -302,6 +302,12 @@ TEST_CASE("image loss gives the same bits again, also after other image sizes", 
     CHECK(first.gradient == second.gradient);
     CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
           kSimilar.gradient);
+    // The same maps with their margins at other places: wider and lower, narrower and higher.
+    for (const auto& [width, height] : {std::pair{300, 40}, {20, 300}, {300, 40}}) {
+      const Images other = similar_images(width, height);
+      CHECK(gradient_error(other, run(device, stages, other, {}).gradient, evaluate(other, 0.2), 1) <
+            kSimilar.gradient);
+    }
   });
 }
 

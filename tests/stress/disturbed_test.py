@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels whose divisions and roots are wrong by 3 ulp, as OpenCL lets a card's be: disturbed_test.py UBS UBS-LAB.
+"""Runs the check of devices and rows of `ubs-lab stress` with inexact divisions: disturbed_test.py UBS UBS-LAB.
 
-CPUs round both correctly, so that what is proved on them says nothing of such a card. disturb() writes a copy of
-kernels/ in which every real quotient, root and reciprocal is moved by up to 3 ulp, as a hash of its operands' bits
-says; if asked, every exp, log, sine and cosine too. With it the check of devices and rows of `ubs-lab stress` must pass
-with larger errors than without. `disturbed_test.py --write OUT [name=value ...]` only writes a copy.
+OpenCL allows errors of about 3 ulp in divisions and roots. CPUs round both correctly, so ordinary tests do not show
+what such a device computes. disturb() writes a copy of kernels/ in which every floating-point quotient, root and
+reciprocal is moved by up to 3 ulp; a hash of the bits of the operands decides how far. If requested, it also moves
+the results of exp, log, sin and cos. With this copy, the check and the stress rows must pass, and the errors must be
+larger than with the original kernels. `disturbed_test.py --write OUT [name=value ...]` only writes the copy.
 """
 import json
 import os
@@ -21,7 +22,8 @@ ROWS = 'needles*,query condition*,low betas*,four pixels on rims*,large image*,r
 TOKEN = re.compile(r'//[^\n]*|/\*.*?\*/|\\\n|\s+|"(?:\\.|[^"\\])*"|\.?\d(?:[eEpP][+-]|[\w.])*|\w+|/=|->|.', re.S)
 HEAD = re.compile(r'^[ \t]*#[ \t]*(?:define[ \t]+\w+(?:\([^)]*\))?|(?!define)(?:[^\n\\]|\\.)*)', re.M | re.S)
 KEYWORDS = {'return', 'if', 'else', 'for', 'while', 'case', 'do'}
-# Behind kernels/dialect/dialect.h. UBS_DIV goes by the type of the quotient: integers and their constants stay.
+# Text to append to kernels/dialect/dialect.h. UBS_DIV selects by the type of the quotient, so integer divisions are not
+# changed.
 PRELUDE = r'''
 #if defined(UBS_OPENCL) && !defined(UBS_REAL_DOUBLE)
 #define UBS_OVERLOAD static inline __attribute__((overloadable, always_inline))
@@ -32,7 +34,7 @@ PRELUDE = r'''
     h = ((h ^ h >> 13) >> 16) * %(values)uu >> 16;                                                  \
     uint_type bits = as_bits(q), size = bits & 0x7fffffffu;                                         \
     real_type moved = as_real_type(bits + h * %(step)uu + (uint)(%(least)d));                       \
-    return size > 0x800010u && size < 0x7f7ffff0u ? moved : q;  /* no denormals, no infinity */     \
+    return size > 0x800010u && size < 0x7f7ffff0u ? moved : q;  /* not denormals, not infinity */   \
   }                                                                                                 \
   UBS_OVERLOAD real_type ubs_quotient(real_type a, real_type b) { return ubs_moved(a / b, a, b); }
 UBS_MOVE(float, uint, as_uint, as_float)
@@ -40,7 +42,7 @@ UBS_MOVE(float, uint, as_uint, as_float)
 #define UBS_DIV(a, b) _Generic((a) / (b), float: ubs_quotient(a, b), default: (a) / (b))
 #else
 UBS_MOVE(vreal, vuint, UBS_FLOAT_BITS, UBS_PASTE(as_float, UBS_VW))
-vuint __attribute__((overloadable)) ubs_quotient(vuint a, uint b);  // named where it is not chosen
+vuint __attribute__((overloadable)) ubs_quotient(vuint a, uint b);  // must exist to compile
 #define UBS_DIV(a, b) \
   _Generic((a) / (b), float: ubs_quotient(a, b), vreal: ubs_quotient(a, b), default: (a) / (b))
 #endif
@@ -53,7 +55,7 @@ vuint __attribute__((overloadable)) ubs_quotient(vuint a, uint b);  // named whe
 
 
 def tokens(text):
-    """Token texts; a directive, and the head of a #define, is one."""
+    """Splits C code into tokens. A directive, or the head of a #define, is one token."""
     out, at = [], 0
     for m in HEAD.finditer(text):
         out += [*TOKEN.findall(text[at:m.start()]), m[0]]
@@ -61,25 +63,25 @@ def tokens(text):
     return out + TOKEN.findall(text[at:])
 
 
-def is_operand(t):  # of a name, number, call, cast or group: what may stand beside another without an operator
+def is_operand(t):  # part of a name, number, call, cast or group: a token that can follow another without an operator
     return t not in KEYWORDS and (t[0].isalnum() or t[0] in '_.([' or t == '->')
 
 
-def step(parts, i, by):  # the next token that is no blank or comment
+def step(parts, i, by):  # index of the next token that is not white space or a comment
     i += by
     while 0 <= i < len(parts) and (parts[i][0].isspace() or parts[i][:2] in ('//', '/*', '\\\n')):
         i += by
     return i
 
 
-def operands(parts, i, by):  # the last of the operands that stand side by side from i on
+def operands(parts, i, by):  # index of the last of the adjacent operand tokens that begin at i
     while 0 <= (k := step(parts, i, by)) < len(parts) and is_operand(parts[k]):
         i = k
     return i
 
 
 def left_of(parts, i):
-    """Where the left operand of the `/` at i begins: products and quotients bind to the left."""
+    """Returns where the left operand of the `/` at i begins. Products and quotients are left-associative."""
     first = operands(parts, step(parts, i, -1), -1)
     while parts[i] != '/=':
         sign = step(parts, first, -1)
@@ -92,7 +94,7 @@ def left_of(parts, i):
 
 
 def divided(parts):
-    """The tokens as text, with UBS_DIV in the place of `/`."""
+    """Returns the tokens as text, with UBS_DIV instead of `/`."""
     out, i = [], 0
     while i < len(parts):  # groups first
         k = i
@@ -113,7 +115,7 @@ def divided(parts):
 
 
 def disturb(out, seed=1, values=7, step=1, least=-3, functions=0):
-    """Writes the kernels to `out`. A result is moved by least + step * (0 to values - 1) ulp."""
+    """Writes the kernels to `out`. Each result is moved by least + step * k ulp, with k from 0 to values - 1."""
     shutil.copytree(KERNELS, out)
     names = 'sqrt|native_recip' + ('|exp|log|log1p|expm1|sin|cos|native_exp2|native_log2' if functions else '')
     for path in [*out.rglob('*.h'), *out.rglob('*.cl')]:
@@ -124,7 +126,7 @@ def disturb(out, seed=1, values=7, step=1, least=-3, functions=0):
 
 
 def checked(ubs, **environment):
-    """Errors by stage, as shares of their bounds."""
+    """Returns the errors of the stages as fractions of their bounds."""
     text = subprocess.run([ubs, 'devices', '--check', '--dim', '6', '--device', 'opencl', '--json'],
                           stdout=subprocess.PIPE, env={**os.environ, **environment}).stdout
     stages = json.loads(text)['devices'][0]['forms'][0]['stages']
@@ -137,11 +139,11 @@ def main(ubs, lab):
         disturb(kernels, values=2, step=6)  # 3 ulp up or down
         plain, moved = checked(ubs), checked(ubs, UBS_KERNEL_DIR=str(kernels))
         print(*(f'{s}: {plain[s]:.3f} of the bound, disturbed {moved[s]:.3f}' for s in moved), sep='\n', flush=True)
-        assert all(share <= 1 for share in moved.values()), 'a bound of `ubs devices --check` does not hold'
+        assert all(share <= 1 for share in moved.values()), 'an error of `ubs devices --check` exceeds its bound'
         undisturbed = [s for s in ('projection', 'loss', 'penalties', 'noise') if moved[s] < 2 * plain[s]]
-        assert not undisturbed, undisturbed
+        assert not undisturbed, f'the errors of these stages did not grow: {undisturbed}'
         rows = subprocess.run([lab, 'stress', ROWS], env={**os.environ, 'UBS_KERNEL_DIR': str(kernels)})
-        assert rows.returncode == 0, 'a row of `ubs-lab stress` does not hold'
+        assert rows.returncode == 0, 'a row of `ubs-lab stress` fails'
 
 
 if sys.argv[1] == '--write':

@@ -28,9 +28,9 @@ double norm(std::span<const double> values) {
   return std::sqrt(sum);
 }
 
-// The relative difference. It is 0 if the difference is not larger than `least`. The floors, which say how far half an
-// ulp of the inputs moves a value, are computed with least = 0: if they were cut off like the errors, a gradient of
-// 1e-17 would be allowed no error at all.
+// The relative difference. It is 0 if the difference is not larger than `least`. The floors, which say how
+// far half an ulp of the inputs moves a value, are computed with least = 0: if they were cut off like the
+// errors, a gradient of 1e-17 would be allowed no error at all.
 double relative(double difference, double size, double least) {
   if (!(difference > least)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
   return difference / std::max(size, kNothing);
@@ -69,7 +69,8 @@ double image_distance(std::span<const T> a, const oracle::Study& study, double l
 void compare_images(const Expectation& expected, const DeviceResult& actual, Verdict& v) {
   v.value_error = image_distance(std::span<const float>(actual.image), expected.study, kNothing);
   for (const oracle::Neighbour& n : expected.study.neighbours)
-    v.value_floor = std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study, 0));
+    v.value_floor =
+        std::max(v.value_floor, image_distance(std::span<const double>(n.image), expected.study, 0));
 }
 
 // Stores the errors of the group with the largest ratio of error to allowed error.

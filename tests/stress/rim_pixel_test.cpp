@@ -77,8 +77,9 @@ TEST_CASE_METHOD(Row, "four pixels on rims make the gradient error of the compar
   for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
     if (raster == RasterKind::cpu && device().info().backend == "cuda") continue;
     DeviceRunner runner(device(), raster);
-    // Largest observed: 6.7e-4 and 7.1e-6. With divisions, roots and functions that have errors of 3 ulp it is 3.3e-3
-    // and 3.4e-5 (disturbed_test.py). The errors on PoCL are bounded more tightly in oracle_comparison_test.cpp.
+    // Largest observed: 6.7e-4 and 7.1e-6. With divisions, roots and functions that have errors of 3 ulp it
+    // is 3.3e-3 and 3.4e-5 (disturbed_test.py). The errors on PoCL are bounded more tightly in
+    // oracle_comparison_test.cpp.
     CHECK(gradient_error(v, runner, weights) < 6.5e-3);
     CHECK(gradient_error(v, runner, inner) < 6.8e-5);
   }
