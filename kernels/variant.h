@@ -85,6 +85,12 @@ enum {  // which raw betas exist: that of the spatial kernel, those of the query
   (kHasSpatialBeta || UBS_ALPHA_MIN > UBS_ALPHA_MIN_GAUSSIAN ? UBS_ALPHA_MIN : UBS_ALPHA_MIN_GAUSSIAN)
 #define UBS_OPACITY_EXTENTS (UBS_LEAST_ALPHA > R(0.0))
 
+// 1: instead of the gradient of a splat's position in the image, compute the sum over the pixels of the absolute values
+// of their contributions to it, for x and y separately. It is a criterion for densification (AbsGS, Ye et al. 2024).
+#ifndef UBS_ABSGRAD
+#define UBS_ABSGRAD 0
+#endif
+
 #ifndef UBS_FORWARD_ONLY  // 1: compile only the forward pass, without masks, slots and backward kernels
 #define UBS_FORWARD_ONLY 0
 #endif

@@ -30,18 +30,19 @@ TrainSettings noted_settings(const ModelNotes& notes, const std::string& path) {
 }
 
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward) {
+                        bool depth, bool backward, bool absgrad) {
   KernelConfig config = kernel_config(model.dim(), model.variant(), settings, device.info());
   config.depth = depth;
   config.backward = backward;
   config.depth_grad = depth && backward;
+  config.absgrad = absgrad;
   return config;
 }
 
 ModelSession::ModelSession(std::shared_ptr<Device> device, const MixedModel& model,
-                           const TrainSettings& settings, bool depth, bool backward)
+                           const TrainSettings& settings, bool depth, bool backward, bool absgrad)
     : device_(std::move(device)),
-      model_(*device_, model, config_for(*device_, model, settings, depth, backward)),
+      model_(*device_, model, config_for(*device_, model, settings, depth, backward, absgrad)),
       renderer_(*device_, model_.stages()),
       settings_(render_settings(settings)) {}
 

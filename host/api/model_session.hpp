@@ -21,15 +21,15 @@ LoadedModel open_model(const std::string& path);
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
 // Returns the kernel configuration. Dimension and variant are those of the model's first group, whatever the
-// settings say; no parameters are frozen.
+// settings say; no parameters are frozen. depth, backward, absgrad: see KernelConfig.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward);
+                        bool depth, bool backward, bool absgrad = false);
 
 class ModelSession {
  public:
   // Uploads the model; the renderer has no cameras yet.
   ModelSession(std::shared_ptr<Device> device, const MixedModel& model, const TrainSettings& settings,
-               bool depth, bool backward = false);
+               bool depth, bool backward = false, bool absgrad = false);
   // Opens the device after verifying it for this use, and uploads the model and the cameras of the split.
   ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                const TrainSettings& settings, bool depth, bool backward = false);

@@ -110,9 +110,13 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
                                unsigned flags, ubs_renderer** renderer) {
   return made(renderer, [&] {
     const LoadedModel& loaded = given(model, "model").loaded;
-    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS))
+    if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD))
       fail(ErrorKind::usage,
-           "flags = {:#x}: this library supports only UBS_RENDER_DEPTH and UBS_RENDER_GRADIENTS", flags);
+           "flags = {:#x}: this library supports only UBS_RENDER_DEPTH, UBS_RENDER_GRADIENTS and "
+           "UBS_RENDER_ABSGRAD",
+           flags);
+    if ((flags & UBS_RENDER_ABSGRAD) && !(flags & UBS_RENDER_GRADIENTS))
+      fail(ErrorKind::usage, "UBS_RENDER_ABSGRAD requires UBS_RENDER_GRADIENTS");
     const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
     validate(values);
     auto created = std::make_unique<ubs_renderer>();
@@ -129,7 +133,7 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
       empty.dim = group.dim, empty.variant = group.variant, empty.count = group.count;
     }
     created->session.emplace(created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0,
-                             backward);
+                             backward, (flags & UBS_RENDER_ABSGRAD) != 0);
     return created;
   });
 }
@@ -246,6 +250,8 @@ ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradi
     ubs_renderer& r = given(renderer, "renderer");
     ubs_camera_gradient out = taken(gradient, "gradient");
     const std::lock_guard lock(r.open->mutex);
+    if (r.flags & UBS_RENDER_ABSGRAD)
+      fail(ErrorKind::usage, "a renderer with UBS_RENDER_ABSGRAD has no gradient with respect to the camera");
     if (!r.differentiated)
       fail(ErrorKind::usage,
            "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");

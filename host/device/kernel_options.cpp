@@ -63,6 +63,7 @@ Options arithmetic_options(MathMode math) {
 Options raster_options(const KernelConfig& config) {
   Options options;
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
+  if (config.absgrad) options.push_back("-DUBS_ABSGRAD=1");
   append(options, falloff_options(config.variant));
   append(options, extent_options(config));
   append(options, gradient_options(config));

@@ -232,7 +232,12 @@ UBS_API ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings**
 
 /* ---- Renderers: a model on a device ---- */
 
-enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2 }; /* flags */
+/* Flags. With UBS_RENDER_ABSGRAD, each pixel counts by the absolute value of its contribution to the gradient
+ * with respect to the position of a splat in the image, for x and y separately. These sums take the place of
+ * that gradient in what ubs_renderer_vjp and ubs_renderer_loss compute for the positions of splats; there is
+ * no gradient with respect to the camera. They are a criterion for densification (AbsGS, Ye et al. 2024).
+ * Requires UBS_RENDER_GRADIENTS. */
+enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2, UBS_RENDER_ABSGRAD = 4 };
 
 typedef struct ubs_image {
   size_t size;

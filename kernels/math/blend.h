@@ -93,7 +93,8 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 // lost in the rounding error of the long one.
 // For a Gaussian, h = v_alpha * alpha, and 1/2 takes the place of beta.
 typedef struct {
-  vreal hp, hq, hpp, hpq, hqq;  // h p, h q, h p^2, h p q, h q^2
+  // h p, h q, h p^2, h p q, h q^2. With UBS_ABSGRAD the first two are |h p| and |l01 h p + l11 h q|.
+  vreal hp, hq, hpp, hpq, hqq;
   vreal opacity;                // falloff * v_alpha
   vreal log_beta;               // alpha log2(1-r) v_alpha
   vreal r, g, b;                // weight * v_pixel
@@ -140,8 +141,13 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
 #ifndef UBS_NO_V_SHAPE
   vreal hp = h * a.p;
   vreal hq = h * a.q;
+#if UBS_ABSGRAD
+  sums.hp += ubs_fabs(hp);
+  sums.hq += ubs_fabs(s.l01 * hp + s.l11 * hq);
+#else
   sums.hp += hp;
   sums.hq += hq;
+#endif
   sums.hpp += hp * a.p;
   sums.hpq += hp * a.q;
   sums.hqq += hq * a.q;
@@ -161,9 +167,9 @@ UBS_FN BlendFactors blend_factors(BlendSplat s) {
   BlendFactors f;
   if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) s.beta = R(0.5);
   real twice = R(-2.0) * s.beta;
-  f.xp = twice * s.l00;
-  f.yp = twice * s.l01;
-  f.yq = twice * s.l11;
+  f.xp = UBS_ABSGRAD ? ubs_fabs(twice * s.l00) : twice * s.l00;
+  f.yp = UBS_ABSGRAD ? R(0.0) : twice * s.l01;
+  f.yq = UBS_ABSGRAD ? ubs_fabs(twice) : twice * s.l11;
   f.square = s.beta;
   return f;
 }

@@ -173,13 +173,13 @@ def test_mistakes_are_refused() -> None:
         MCMCStrategy().check_sanity(params, {k: v for k, v in optimizers.items() if k != "colors"})
     with pytest.raises(ubs.UsageError, match="means"):
         MCMCStrategy().check_sanity(params, {**optimizers, "means": optimizers["scales"]})
-    with pytest.raises(ubs.UsageError, match="absgrad"):
-        DefaultStrategy(absgrad=True).check_sanity(params, optimizers)
     state = DefaultStrategy().initialize_state()
     info = drawn(3, torch.zeros(3, 2))
     with pytest.raises(ubs.UsageError, match="step_pre_backward"):
         info["means2d"].retain_grad()
         DefaultStrategy().step_post_backward(params, optimizers, state, 1, info)
+    with pytest.raises(ubs.UsageError, match="absgrad=True"):
+        DefaultStrategy(absgrad=True).step_post_backward(params, optimizers, state, 1, info)
     with pytest.raises(ubs.UsageError, match="packed"):
         DefaultStrategy().step_post_backward(params, optimizers, state, 1, info, packed=True)
 

@@ -174,7 +174,7 @@ class Metrics(Struct):
 StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
 LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
-RENDER_DEPTH, RENDER_GRADIENTS = 1, 2
+RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD = 1, 2, 4
 
 def _of(kind: str) -> Any:
     """Returns the type of an argument that is a handle of this kind. Any other object raises TypeError, because its

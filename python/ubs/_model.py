@@ -187,7 +187,8 @@ class Model(_abi.Handle):
 
 class Renderer(_abi.Handle):
     """A model on a device. `settings` are those for rendering, such as background; the others are those that the model
-    states."""
+    states. `absgrad`: vjp() uses the absolute value of what each pixel contributes to the gradient of a splat's position
+    in the image, for x and y separately, which is a criterion for densification; requires `gradients`."""
 
     def __init__(
         self,
@@ -196,12 +197,14 @@ class Renderer(_abi.Handle):
         *,
         depth: bool = False,
         gradients: bool = False,
+        absgrad: bool = False,
         **settings: Any,
     ) -> None:
         self.device: Device = opened(device)
         self._depth = depth
         self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
+        flags |= _abi.RENDER_ABSGRAD if absgrad else 0
         chosen: Any = None
         if settings:
             chosen = Settings.__new__(Settings)

@@ -53,6 +53,7 @@ std::vector<KernelConfig> configurations() {
     change(all.back());
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
+  add([](KernelConfig& c) { c.absgrad = true; });
   add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });  // beyond those compiled ahead
   if (test::whole_sweep()) add([](KernelConfig& c) { c.dim = 11; });
   add([](KernelConfig& c) { c.math = MathMode::native; });

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
+import weakref
 from typing import Any, Callable, TypeVar, cast
 
 import numpy as np
@@ -33,16 +34,16 @@ FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 class Slot:
     """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
-    lock while using it."""
+    lock while using it. With `absgrad`, the gradients of xyz sum absolute values."""
 
-    def __init__(self, device: Device, room: int) -> None:
-        self.device, self.room = device, room
+    def __init__(self, device: Device, room: int, absgrad: bool) -> None:
+        self.device, self.room, self.absgrad = device, room, absgrad
         self.lock = threading.Lock()
         self.model = Model.empty(
             dim=3, splats=room, kernel="gaussian", cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
             background=(0, 0, 0),
         )
-        self.renderer = Renderer(self.model, device, gradients=True)
+        self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad)
         values = self.model.parameters
         if tuple(values) != NAMES:
             raise UsageError(f"the library has the parameters {tuple(values)}, ubs.gsplat expects {NAMES}: update both")
@@ -116,19 +117,20 @@ _slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
-def slot_for(device: DeviceLike, count: int) -> Slot:
+def slot_for(device: DeviceLike, count: int, absgrad: bool = False) -> Slot:
     """Returns a kept renderer whose capacity fits `count` splats and is not many times larger, or a new one with
     reserve."""
     where = opened(device)
     with _slots_lock:
-        fitting = [s for s in _slots if s.device is where and count <= s.room <= 4 * count + 4096]
+        alike = [s for s in _slots if s.device is where and s.absgrad == absgrad]
+        fitting = [s for s in alike if count <= s.room <= 4 * count + 4096]
         if fitting:
             slot = min(fitting, key=lambda s: s.room)
             _slots.remove(slot)
         else:
             # Remove renderers that have become too small for their scene.
-            _slots[:] = [s for s in _slots if s.device is not where or not count / 2 <= s.room < count]
-            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256)
+            _slots[:] = [s for s in _slots if s not in alike or not count / 2 <= s.room < count]
+            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, absgrad)
         _slots.append(slot)
         del _slots[:-FREE_SLOTS]
     return slot
@@ -194,19 +196,52 @@ def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
     return made
 
 
+class SparseGradient(torch.autograd.Function):
+    """Identity. Its gradient is a sparse tensor of the rows that rows[0] lists when backward() is called."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any, **_: Any) -> Tensor:
+        tensor: Tensor = inputs[0]
+        ctx.rows = inputs[1]
+        return tensor.view_as(tensor)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> tuple[Any, None]:
+        gradient, (rows,) = gradients[0], ctx.rows
+        return torch.sparse_coo_tensor(rows[None], gradient[rows], gradient.shape), None
+
+
+class AbsGrad:
+    """Where backward() stores the sums over pixels of the absolute gradients of means2d: in its attribute `absgrad`."""
+
+    def __init__(self, means2d: Tensor, first: int) -> None:
+        """The sums of an image begin at row `first` of means2d (..., 2)."""
+        # The tensor leads to the node of autograd that holds this object. A reference would keep both forever.
+        self.means2d, self.first = weakref.ref(means2d), first
+
+    def put(self, sums: Tensor) -> None:
+        means2d: Any = self.means2d()
+        if means2d is None:
+            return
+        if getattr(means2d, "absgrad", None) is None:
+            means2d.absgrad = torch.zeros_like(means2d, requires_grad=False)
+        means2d.absgrad.view(-1, 2)[self.first : self.first + len(sums)] = sums
+
+
 class Draw(torch.autograd.Function):
-    """Inputs: (width, height), a device of ubs, means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities
-    (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a time."""
+    """Inputs: (width, height), a device of ubs, an AbsGrad or None, means2d (n, 2), factor (3, n), depths (n,), colors
+    (n, D), opacities (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a
+    time; an AbsGrad requires that there are no more."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
         size: tuple[int, int] = inputs[0]
         device: DeviceLike = inputs[1]
-        means2d, factor, depths, colors, opacities = inputs[2:]
+        means2d, factor, depths, colors, opacities = inputs[3:]
         where, (width, height) = means2d.device, size
         ctx.save_for_backward(means2d, factor, depths, colors, opacities)
         ctx.set_materialize_grads(False)
-        ctx.size, ctx.slot = size, None
+        ctx.size, ctx.slot, ctx.absgrad = size, None, inputs[2]
         count, channels = colors.shape
         if count == 0:
             return colors.new_zeros((height, width, channels)), colors.new_zeros((height, width))
@@ -233,6 +268,7 @@ class Draw(torch.autograd.Function):
         means2d, factor, depths, colors, opacities = ctx.saved_tensors
         v_colors = torch.zeros_like(colors)
         total: list[Tensor] = [torch.zeros_like(t) for t in (means2d, factor, opacities)]
+        sums = torch.zeros_like(means2d)
         if ctx.slot is not None and (v_image is not None or v_alpha is not None):
             where, slot, channels = means2d.device, ctx.slot, colors.shape[1]
             rows = Rows(ctx.size, means2d, factor, depths, opacities)
@@ -249,7 +285,15 @@ class Draw(torch.autograd.Function):
                     v_colors[:, first : first + width] = v[1][:width].T
                     total = [a + b for a, b in zip(total, rows.gradients(v))]
                     _wait(*total)
-        return (None, None, total[0], total[1], None, v_colors, total[2])
+            if ctx.absgrad is not None:
+                slot = slot_for(slot.device, len(means2d), absgrad=True)
+                with slot.lock:
+                    slot.put((object(), 0), {**rows.as_values(), 1: _three(colors, 0, depths)})
+                    v = slot.differentiate(ctx.camera, None if v_image is None else _padded(v_image), v_alpha)
+                    sums = rows.gradients([t.to(where) for t in v])[0]
+        if ctx.absgrad is not None:
+            ctx.absgrad.put(sums)
+        return (None, None, None, total[0], total[1], None, v_colors, total[2])
 
 
 def _camera(size: tuple[int, int]) -> Camera:
@@ -272,6 +316,7 @@ def _three(colors: Tensor, first: int, depths: Tensor) -> Tensor:
 def draw(
     size: tuple[int, int],
     device: DeviceLike,
+    absgrad: AbsGrad | None,
     means2d: Tensor,
     factor: Tensor,
     depths: Tensor,
@@ -282,5 +327,5 @@ def draw(
 
     means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
     which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1."""
-    image, alpha = Draw.apply(size, device, means2d, factor, depths, colors, opacities)
+    image, alpha = Draw.apply(size, device, absgrad, means2d, factor, depths, colors, opacities)
     return image, alpha

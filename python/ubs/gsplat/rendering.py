@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
-from ._raster import draw, extremes, is_finite
+from ._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
@@ -331,7 +331,9 @@ def fully_fused_projection(
     Returns radii (..., C, N, 2), means2d (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3) and compensations
     (..., C, N), which are None without calc_compensations. With `packed`, batch_ids, camera_ids and gaussian_ids (nnz,)
     come first, and the others have the shape (nnz, ...), with only the Gaussians whose radii are above 0."""
-    _refuse(sparse_grad=sparse_grad)
+    rows: list[Tensor] = []
+    if sparse_grad:
+        means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     size = (_side("width", width), _side("height", height))
     planes = (near_plane, far_plane)
     seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
@@ -345,9 +347,19 @@ def fully_fused_projection(
     found += [seen.compensation] if calc_compensations else []
     if packed:
         ids = torch.where((radii > 0).all(-1))
+        rows.append(ids[2].unique())
         return (*ids, *(tensor[ids] for tensor in found), *(() if calc_compensations else (None,)))
     shaped = [tensor.reshape(*batch, *tensor.shape[1:]) for tensor in found]
     return (*shaped, *(() if calc_compensations else (None,)))
+
+
+def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | None) -> list[Any]:
+    """Returns the tensors, of which the first is means, with sparse gradients. The caller adds the rows later."""
+    if not packed:
+        raise UsageError("sparse_grad=True requires packed=True")
+    if isinstance(tensors[0], Tensor) and tensors[0].dim() != 2:
+        raise UsageError("sparse_grad=True does not support batch dimensions")
+    return [SparseGradient.apply(tensor, rows) if isinstance(tensor, Tensor) else tensor for tensor in tensors]
 
 
 # ---- Rendering ----
@@ -410,15 +422,23 @@ def rasterization(
     gradient retain_grad() keeps, radii, depths, conics and opacities. With `packed` it also has batch_ids, camera_ids
     and gaussian_ids, which identify the Gaussian of each entry.
 
+    With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
+    their contributions to the gradient of means2d (AbsGS, Ye et al. 2024); for up to 3 channels. With `sparse_grad`,
+    which requires `packed`, the gradients of means, quats, scales and covars are sparse tensors (COO) of the Gaussians
+    that are in an image.
+
     channel_chunk, segmented and tile_size determine how gsplat divides its work; here they have no effect on pixels.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
-        sparse_grad=sparse_grad, absgrad=absgrad, distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
+        distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
         radial_coeffs=radial_coeffs, tangential_coeffs=tangential_coeffs, thin_prism_coeffs=thin_prism_coeffs,
         ftheta_coeffs=ftheta_coeffs, rolling_shutter=rolling_shutter, viewmats_rs=viewmats_rs,
     )
     _choice("render_mode", render_mode, RENDER_MODES)
     _choice("rasterize_mode", rasterize_mode, RASTERIZE_MODES)
+    rows: list[Tensor] = []
+    if sparse_grad:
+        means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     size = (_side("width", width), _side("height", height))
     tile_size = _side("tile_size", tile_size)
     planes = (near_plane, far_plane)
@@ -434,6 +454,8 @@ def rasterization(
     radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
     visible = (radii > 0).all(-1)
     ids = torch.where(visible) if packed else None
+    if ids is not None:
+        rows.append(ids[2].unique())
 
     def chosen(tensor: Tensor) -> Tensor:
         return tensor if ids is None else tensor[ids]
@@ -449,6 +471,8 @@ def rasterization(
     if "D" in render_mode:
         bands.append(depths[..., None])
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
+    if absgrad and values.shape[-1] > 3:
+        raise UsageError(f"absgrad=True is supported for up to 3 channels, including the depth, not {values.shape[-1]}")
     grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], render_mode)
 
     # Sizes of the parts of the packed arrays that belong to each image.
@@ -459,7 +483,8 @@ def rasterization(
     split = [part.split(counts, dim=int(k == 1)) for k, part in enumerate(parts)]
     images, alphas = [], []
     for k in range(flat * cameras):
-        image, alpha = draw(size, device, *(part[k] for part in split))
+        sums = AbsGrad(means2d, sum(counts[:k])) if absgrad else None
+        image, alpha = draw(size, device, sums, *(part[k] for part in split))
         alpha = alpha[..., None]
         if grounds is not None:
             image = image + (1 - alpha) * grounds[k]

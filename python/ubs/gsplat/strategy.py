@@ -125,7 +125,8 @@ class DefaultStrategy(Strategy):
     pause_refine_after_reset: int = 0
     """Number of steps without refinement after each reset."""
     absgrad: bool = False
-    """Not supported: rasterization() does not compute the sum of absolute gradients."""
+    """Use the sums of absolute gradients, which are larger, so grow_grad2d should be higher, such as 0.0008. Requires
+    rasterization(..., absgrad=True)."""
     revised_opacity: bool = False
     """Splitting keeps the opacity that the two parts have together (Rota Bulo et al. 2024)."""
     verbose: bool = False
@@ -136,19 +137,10 @@ class DefaultStrategy(Strategy):
         state: Dict[str, Any] = {"grad2d": None, "count": None, "scene_scale": scene_scale}
         return {**state, "radii": None} if self.refine_scale2d_stop_iter > 0 else state
 
-    def _refuse_absgrad(self) -> None:
-        if self.absgrad:
-            raise UsageError("absgrad=True is not supported by ubs.gsplat: leave it out and lower grow_grad2d to 0.0002")
-
-    def check_sanity(self, params: Parameters, optimizers: Optimizers) -> None:
-        self._refuse_absgrad()
-        super().check_sanity(params, optimizers)
-
     def step_pre_backward(
         self, params: Parameters, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
     ) -> None:
         """Must be called between rasterization() and backward()."""
-        self._refuse_absgrad()
         info[self.key_for_gradient].retain_grad()
 
     def step_post_backward(
@@ -187,9 +179,11 @@ class DefaultStrategy(Strategy):
         """Accumulates gradients, counts and maximum radii of visible Gaussians."""
         if packed != (info["gaussian_ids"] is not None):
             raise UsageError(f"packed={packed}, but rasterization() was called with packed={not packed}: pass the same")
-        gradient = info[self.key_for_gradient].grad
+        centre = info[self.key_for_gradient]
+        gradient = getattr(centre, "absgrad", None) if self.absgrad else centre.grad
         if gradient is None:
-            raise UsageError(f"{self.key_for_gradient} has no gradient: call step_pre_backward() before backward()")
+            needed = "rasterization(..., absgrad=True)" if self.absgrad else "step_pre_backward() before backward()"
+            raise UsageError(f"{self.key_for_gradient} has no gradient: call {needed}")
         half = gradient.new_tensor([info["width"] / 2, info["height"] / 2]) * info["n_cameras"]
         length = (gradient * half).norm(dim=-1)
         radii = info["radii"]
