@@ -23,6 +23,11 @@
 namespace ubs {
 namespace {
 
+// noise_lr for static scenes whose depth counts as 1. Relative to the scene, the noise of positions grows
+// with the square of the unit. The depth of published scenes is about 4, and their noise_lr is 1e6 =
+// kNoiseOfDepth / 4^2.
+constexpr double kNoiseOfDepth = 1.6e7;
+
 // Returns at most `most` points, evenly chosen in their order, so that dense regions stay dense.
 PointCloud thinned(PointCloud points, std::size_t most) {
   const std::size_t all = points.positions.size();
@@ -167,9 +172,11 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
   const bool free = has_free_unit(settings.variant);
   if (settings.unit == kAuto) {
     settings.unit = free ? typical_depth(data, train) : 1;
-    if (free)
+    if (free) {
       data.report.notes.push_back(
           fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
+      if (settings.noise_lr == kAuto && !has_time(settings.dim)) settings.noise_lr = kNoiseOfDepth;
+    }
   } else if (settings.unit != 1 && !free) {
     fail(ErrorKind::usage, "cov_param = skew_nd is trained in the unit of the data: choose unit = 1");
   }

@@ -114,7 +114,8 @@ const Field<S> kFields[] = {
     {"growth_end",
      "share of the work from which on no splats are added, as --budget records it where time runs short",
      &S::growth_end, 0, 1},
-    {"noise_lr", "factor of the position noise; auto: 1e6 static, 1 dynamic", &S::noise_lr, 0, 1e12, true},
+    {"noise_lr", "factor of the position noise; auto: 1 dynamic, 1.6e7 static, but 1e6 if unit is a number",
+     &S::noise_lr, 0, 1e12, true},
 
     {"lambda_dssim", "weight of 1 - SSIM in the loss; the rest is L1", &S::lambda_dssim, 0, 1},
     {"opacity_reg", "weight of the mean opacity in the loss", &S::opacity_reg, 0, 1e3},

@@ -77,7 +77,7 @@ struct TrainSettings : ReadSettings {
   BatchRates lr_batch{};               // learning rates unchanged | times the square root of the batch
   double growth = 1.02;                // number of splats after / before a refinement
   double growth_end = 1;               // share of the work after which no splats are added
-  double noise_lr = kAuto;             // auto: 1e6 static, 1 dynamic (method.md 4.3)
+  double noise_lr = kAuto;  // auto: 1 dynamic, 1.6e7 static, but 1e6 if unit is not auto (method.md 4.3)
 
   // Loss
   double lambda_dssim = 0.2;

@@ -38,9 +38,9 @@ bool lists_uncounted(const TrainSettings& settings, const DeviceInfo& device);
 // approximations, frozen groups. N, `raster` and the variant of the model are not included.
 std::vector<std::string> kernel_assignments(const TrainSettings& settings);
 
-// Replaces "auto" in the fields that depend on other settings: noise_lr (1e6, with time 1), lr_rgb (1e-3,
-// with spherical harmonics or lobes 2.5e-3), lr_opacity (0.05, with kernel gaussian 0.025) and lr_scale
-// (0.005, with kernel gaussian 0.02). dim must be a number.
+// Replaces "auto" in the fields that depend on other settings: noise_lr (1e6, with time 1; an automatic unit
+// sets it already), lr_rgb (1e-3, with spherical harmonics or lobes 2.5e-3), lr_opacity (0.05, with kernel
+// gaussian 0.025) and lr_scale (0.005, with kernel gaussian 0.02). dim must be a number.
 TrainSettings resolve_automatic(TrainSettings settings);
 
 // Returns the input of plan_memory() for a training with at most `splats` splats on views of these sizes. The
