@@ -184,7 +184,7 @@ def test_mistakes_are_refused() -> None:
         DefaultStrategy().step_post_backward(params, optimizers, state, 1, info, packed=True)
 
 
-@pytest.mark.parametrize("kind,packed", [("default", False), ("mcmc", True)])
+@pytest.mark.parametrize("kind,packed", [("default", False), ("absgrad", True), ("mcmc", True)])
 def test_they_learn(kind: str, packed: bool) -> None:
     """300 Gaussians in 3 views, from 40 on: they become more, and the error a fraction of the first."""
     torch.manual_seed(0)
@@ -205,8 +205,11 @@ def test_they_learn(kind: str, packed: bool) -> None:
     params = torch.nn.ParameterDict({name: torch.nn.Parameter(value) for name, value in values.items()})
     optimizers = {name: torch.optim.Adam([params[name]], lr=rate) for name, rate in rates.items()}
     strategy: Any = (
-        DefaultStrategy(refine_start_iter=20, refine_every=20, refine_stop_iter=70, grow_grad2d=1e-3, grow_scale3d=0.2)
-        if kind == "default"
+        DefaultStrategy(
+            refine_start_iter=20, refine_every=20, refine_stop_iter=70, grow_scale3d=0.2,
+            absgrad=kind == "absgrad", grow_grad2d=2e-3 if kind == "absgrad" else 1e-3,
+        )
+        if kind != "mcmc"
         else MCMCStrategy(refine_start_iter=10, refine_every=5, cap_max=120, noise_lr=1.0)
     )
     strategy.check_sanity(params, optimizers)
@@ -215,14 +218,14 @@ def test_they_learn(kind: str, packed: bool) -> None:
     for step in range(80):
         images, _, info = rasterization(
             params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(),
-            params["colors"].sigmoid(), **views, packed=packed,
+            params["colors"].sigmoid(), **views, packed=packed, absgrad=kind == "absgrad",
         )
         loss = ((images - target) ** 2).mean()
         strategy.step_pre_backward(params, optimizers, state, step, info)
         loss.backward()
         errors.append(float(loss))
-        extra = {"packed": packed} if kind == "default" else {"lr": 1e-2}
-        if kind == "default":
+        extra = {"packed": packed} if kind != "mcmc" else {"lr": 1e-2}
+        if kind != "mcmc":
             strategy.step_post_backward(params, optimizers, state, step, info, **extra)
         for optimizer in optimizers.values():
             optimizer.step()

@@ -224,7 +224,7 @@ class AbsGrad:
         if means2d is None:
             return
         if getattr(means2d, "absgrad", None) is None:
-            means2d.absgrad = torch.zeros_like(means2d, requires_grad=False)
+            means2d.absgrad = means2d.new_zeros(means2d.shape)
         means2d.absgrad.view(-1, 2)[self.first : self.first + len(sums)] = sums
 
 

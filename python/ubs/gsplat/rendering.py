@@ -347,7 +347,8 @@ def fully_fused_projection(
     found += [seen.compensation] if calc_compensations else []
     if packed:
         ids = torch.where((radii > 0).all(-1))
-        rows.append(ids[2].unique())
+        if sparse_grad:
+            rows.append(ids[2].unique())
         return (*ids, *(tensor[ids] for tensor in found), *(() if calc_compensations else (None,)))
     shaped = [tensor.reshape(*batch, *tensor.shape[1:]) for tensor in found]
     return (*shaped, *(() if calc_compensations else (None,)))
@@ -454,7 +455,7 @@ def rasterization(
     radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
     visible = (radii > 0).all(-1)
     ids = torch.where(visible) if packed else None
-    if ids is not None:
+    if sparse_grad and ids is not None:
         rows.append(ids[2].unique())
 
     def chosen(tensor: Tensor) -> Tensor:
