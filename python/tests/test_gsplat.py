@@ -261,13 +261,17 @@ def within(errors: dict[str, float]) -> None:
         assert error <= bounds.get(name, 7.8e-6), name
 
 
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("channels,chunk", [(1, 32), (3, 32), (5, 2)])
 @pytest.mark.parametrize("packed", [True, False])
-def test_absolute_gradients(packed: bool, channels: int) -> None:
-    s = {**scene(channels=channels), "backgrounds": torch.rand(2, channels)}
+def test_absolute_gradients(packed: bool, channels: int, chunk: int) -> None:
+    torch.manual_seed(5)
+    s = scene(channels=channels)
+    if channels <= chunk:
+        s["backgrounds"] = torch.rand(2, channels)
     mine = {k: v.clone().requires_grad_() for k, v in s.items()}
     arguments = {"width": WIDTH, "height": HEIGHT, "packed": packed}
-    images, alphas, meta = rasterization(**mine, **arguments, absgrad=True)
+    images, alphas, meta = rasterization(**mine, **arguments, absgrad=True, channel_chunk=chunk)
+    assert float(meta["means2d"].absgrad.abs().max()) == 0
     plain = {k: v.clone().requires_grad_() for k, v in s.items()}
     again = rasterization(**plain, **arguments)
     v, v_alpha = torch.randn(images.shape), torch.randn(alphas.shape)
@@ -282,14 +286,45 @@ def test_absolute_gradients(packed: bool, channels: int) -> None:
         dense[meta["camera_ids"], meta["gaussian_ids"]] = found
         found = dense
     for c in range(2):
-        exact = {k: t.double() for k, t in s.items()}
-        exact["means"].requires_grad_()
-        apart = torch.zeros(120, WIDTH * HEIGHT, 2, dtype=torch.float64, requires_grad=True)
-        image, alpha, _ = truth(exact, c, 0, apart=apart)
-        ((image * v[c].double()).sum() + (alpha * v_alpha[c, ..., 0].double()).sum()).backward()
-        error = norm_error(found[c], apart.grad.abs().sum(1))
+        expected: Any = 0
+        for first in range(0, channels, chunk):
+            exact = {k: t.double() for k, t in s.items()}
+            exact["means"].requires_grad_()
+            apart = torch.zeros(120, WIDTH * HEIGHT, 2, dtype=torch.float64, requires_grad=True)
+            image, alpha, _ = truth(exact, c, 0, apart=apart)
+            part = slice(first, first + chunk)
+            loss = (image[..., part] * v[c, ..., part].double()).sum()
+            (loss + (alpha * v_alpha[c, ..., 0].double()).sum() * (first == 0)).backward()
+            expected = expected + apart.grad.abs().sum(1)
+        error = norm_error(found[c], expected)
         print(f"absolute gradients, camera {c}: {error:.1e}")
         assert error < 7.6e-7  # largest observed: 3.8e-7
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGB+ED", "D"])
+@pytest.mark.parametrize("packed", [True, False])
+def test_extra_signals(packed: bool, mode: str) -> None:
+    torch.manual_seed(6)
+    s = scene()
+    views = {"width": WIDTH, "height": HEIGHT, "packed": packed, "render_mode": mode}
+    if mode == "D":
+        s["colors"] = None
+    signals, coeffs = torch.rand(120, 4), torch.randn(120, 9, 2)
+    plain, alphas, _ = rasterization(**s, **views)
+    image, alphas_too, meta = rasterization(**s, **views, extra_signals=signals)
+    assert torch.equal(image, plain) and torch.equal(alphas, alphas_too)
+    alone = {**s, "colors": signals, "width": WIDTH, "height": HEIGHT}
+    assert torch.equal(meta["render_extra_signals"], rasterization(**alone)[0])
+    # Harmonics are not clamped, and may be the same for all of a batch.
+    batch = {k: v if v is None else torch.stack([v, v]) for k, v in s.items()}
+    meta = rasterization(**batch, **views, extra_signals=coeffs, extra_signals_sh_degree=2)[2]
+    place = -torch.linalg.solve(s["viewmats"][:, :3, :3], s["viewmats"][:, :3, 3])
+    dirs = s["means"] - place[:, None]
+    values = spherical_harmonics(2, dirs, coeffs.expand(2, 120, 9, 2)) + 0.5
+    assert float(values.min()) < 0
+    expected = rasterization(**{**alone, "colors": values})[0]
+    for k in range(2):
+        assert float((meta["render_extra_signals"][k] - expected).abs().max()) < 1e-6
 
 
 def test_sparse_gradients() -> None:
@@ -492,8 +527,9 @@ def test_harmonics() -> None:
 
 
 REFUSED: list[tuple[str, dict[str, Any]]] = [
-    ("absgrad", {"absgrad": True, "colors": torch.rand(30, 4)}),
+    ("absgrad=True with 4 channels", {"absgrad": True, "colors": torch.rand(30, 4)}),
     ("absgrad", {"absgrad": True, "render_mode": "RGB+D"}),
+    ("extra_signals has the shape", {"extra_signals": torch.rand(31, 4)}),
     ("sparse_grad", {"sparse_grad": True, "packed": False}),
     ("distributed", {"distributed": True}),
     ("with_ut", {"with_ut": True}),

@@ -214,24 +214,21 @@ class SparseGradient(torch.autograd.Function):
 class AbsGrad:
     """Where backward() stores the sums over pixels of the absolute gradients of means2d: in its attribute `absgrad`."""
 
-    def __init__(self, means2d: Tensor, first: int) -> None:
-        """The sums of an image begin at row `first` of means2d (..., 2)."""
+    def __init__(self, means2d: Tensor, first: int, chunk: int) -> None:
+        """The sums of an image begin at row `first` of means2d (..., 2). They are added over chunks of channels."""
         # The tensor leads to the node of autograd that holds this object. A reference would keep both forever.
-        self.means2d, self.first = weakref.ref(means2d), first
+        self.means2d, self.first, self.chunk = weakref.ref(means2d), first, chunk
 
     def put(self, sums: Tensor) -> None:
         means2d: Any = self.means2d()
-        if means2d is None:
-            return
-        if getattr(means2d, "absgrad", None) is None:
-            means2d.absgrad = means2d.new_zeros(means2d.shape)
-        means2d.absgrad.view(-1, 2)[self.first : self.first + len(sums)] = sums
+        if means2d is not None:
+            means2d.absgrad.view(-1, 2)[self.first : self.first + len(sums)] = sums
 
 
 class Draw(torch.autograd.Function):
     """Inputs: (width, height), a device of ubs, an AbsGrad or None, means2d (n, 2), factor (3, n), depths (n,), colors
     (n, D), opacities (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a
-    time; an AbsGrad requires that there are no more."""
+    time."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
@@ -287,10 +284,14 @@ class Draw(torch.autograd.Function):
                     _wait(*total)
             if ctx.absgrad is not None:
                 slot = slot_for(slot.device, len(means2d), absgrad=True)
+                chunk = ctx.absgrad.chunk
                 with slot.lock:
-                    slot.put((object(), 0), {**rows.as_values(), 1: _three(colors, 0, depths)})
-                    v = slot.differentiate(ctx.camera, None if v_image is None else _padded(v_image), v_alpha)
-                    sums = rows.gradients([t.to(where) for t in v])[0]
+                    for first in range(0, channels, chunk) if v_image is not None else range(1):
+                        values = {1: _three(colors[:, : first + chunk], first, depths)}
+                        slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
+                        v_rgb = None if v_image is None else _padded(v_image[..., first : first + chunk])
+                        v = slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)
+                        sums = sums + rows.gradients([t.to(where) for t in v])[0]
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)
         return (None, None, None, total[0], total[1], None, v_colors, total[2])

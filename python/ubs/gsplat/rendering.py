@@ -128,7 +128,7 @@ def _harmonics(degree: int, x: Tensor, y: Tensor, z: Tensor) -> list[Tensor]:
 def spherical_harmonics(
     degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Optional[Tensor] = None
 ) -> Tensor:
-    """Returns colours (..., 3) from coefficients (..., K, 3) and directions (..., 3) of any length, for degrees 0 to 4.
+    """Returns colours (..., D) from coefficients (..., K, D) and directions (..., 3) of any length, for degrees 0 to 4.
     Colours are 0 where masks (...) are False. Nothing is added: rasterization() adds 0.5 and clamps at 0."""
     if isinstance(degrees_to_use, bool) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
@@ -137,7 +137,7 @@ def spherical_harmonics(
     if _shape(coeffs, "coeffs", 2)[-2] < count:
         raise UsageError(f"coeffs have {coeffs.shape[-2]} bases, degree {degrees_to_use} needs {count}")
     _check("dirs", dirs, (*shape[:-1], 3))
-    _check("coeffs", coeffs, (*shape[:-1], coeffs.shape[-2], 3), like=dirs)
+    _check("coeffs", coeffs, (*shape[:-1], *coeffs.shape[-2:]), like=dirs)
     if masks is not None and tuple(masks.shape) != shape[:-1]:
         raise UsageError(f"masks have the shape {tuple(masks.shape)}, not {shape[:-1]}")
     x, y, z = torch.nn.functional.normalize(dirs, dim=-1).unbind(-1)
@@ -408,15 +408,19 @@ def rasterization(
     ftheta_coeffs: Any = None,
     rolling_shutter: Any = RollingShutterType.GLOBAL,
     viewmats_rs: Optional[Tensor] = None,
+    extra_signals: Optional[Tensor] = None,
+    extra_signals_sh_degree: Optional[int] = None,
     *,
     device: DeviceLike = None,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     """Renders Gaussians as seen by C cameras. All tensors get gradients, including Ks and viewmats.
 
     means (..., N, 3); quats (..., N, 4), w first, of any length but 0; scales (..., N, 3); opacities (..., N), 0 to 1;
-    colors (..., [C,] N, D) or, with sh_degree, coefficients of spherical harmonics (..., [C,] N, K, 3); viewmats (...,
-    C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3) instead of quats
-    and scales. "..." are batch dimensions. N may be 0.
+    colors (..., [C,] N, D) or, with sh_degree, coefficients of spherical harmonics (..., [C,] N, K, D) or (N, K, D);
+    viewmats (..., C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3)
+    instead of quats and scales. "..." are batch dimensions. N may be 0. extra_signals are further channels E, given like
+    colors; the dictionary has their images as render_extra_signals (..., C, height, width, E). Harmonics of colors are
+    clamped at 0, those of extra_signals are not.
 
     Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D; D + 1 in the
     modes RGB+D and RGB+ED, whose last channel is the depth; and 1 in D and ED. The dictionary has means2d, whose
@@ -424,11 +428,12 @@ def rasterization(
     and gaussian_ids, which identify the Gaussian of each entry.
 
     With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
-    their contributions to the gradient of means2d (AbsGS, Ye et al. 2024); for up to 3 channels. With `sparse_grad`,
+    their contributions to the gradient of means2d (AbsGS, Ye et al. 2024). As in gsplat, each chunk of channel_chunk
+    channels is summed separately; more than 3 channels require that it is 3 or less. With `sparse_grad`,
     which requires `packed`, the gradients of means, quats, scales and covars are sparse tensors (COO) of the Gaussians
     that are in an image.
 
-    channel_chunk, segmented and tile_size determine how gsplat divides its work; here they have no effect on pixels.
+    channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
     _refuse(
         distributed=distributed, with_ut=with_ut, with_eval3d=with_eval3d,
@@ -468,13 +473,24 @@ def rasterization(
     factor = seen.factor() if ids is None else seen.factor()[(slice(None), *ids)]
     bands: list[Tensor] = []
     if "RGB" in render_mode:
-        bands.append(_shaded(means, colors, viewmats, sh_degree, batch, cameras, ids, visible))
+        shaded = _shaded("colors", means, colors, viewmats, sh_degree, batch, cameras, ids, visible)
+        bands.append(shaded if sh_degree is None else shaded.clamp_min(0))
+    extra = 0
+    if extra_signals is not None:
+        degree = extra_signals_sh_degree
+        bands.append(_shaded("extra_signals", means, extra_signals, viewmats, degree, batch, cameras, ids, visible))
+        extra = bands[-1].shape[-1]
     if "D" in render_mode:
         bands.append(depths[..., None])
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
-    if absgrad and values.shape[-1] > 3:
-        raise UsageError(f"absgrad=True is supported for up to 3 channels, including the depth, not {values.shape[-1]}")
-    grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], render_mode)
+    if channel_chunk < 1:
+        raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
+    chunk = min(channel_chunk, 3)  # of absolute gradients
+    if absgrad:
+        if values.shape[-1] > 3 and channel_chunk > 3:
+            raise UsageError(f"absgrad=True with {values.shape[-1]} channels, depth included, requires channel_chunk=3")
+        means2d.absgrad = means2d.new_zeros(means2d.shape)
+    grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], extra, render_mode)
 
     # Sizes of the parts of the packed arrays that belong to each image.
     counts = [n] * (flat * cameras) if ids is None else visible.sum(-1).reshape(-1).tolist()
@@ -484,7 +500,7 @@ def rasterization(
     split = [part.split(counts, dim=int(k == 1)) for k, part in enumerate(parts)]
     images, alphas = [], []
     for k in range(flat * cameras):
-        sums = AbsGrad(means2d, sum(counts[:k])) if absgrad else None
+        sums = AbsGrad(means2d, sum(counts[:k]), chunk) if absgrad else None
         image, alpha = draw(size, device, sums, *(part[k] for part in split))
         alpha = alpha[..., None]
         if grounds is not None:
@@ -503,6 +519,7 @@ def rasterization(
     def out(tensor: Tensor) -> Tensor:
         return tensor if ids is not None else tensor.reshape(*batch, *tensor.shape[1:])
 
+    colours = whole(images, values.shape[-1])
     meta = Meta(
         batch_ids=None if ids is None else ids[0],
         camera_ids=None if ids is None else ids[1],
@@ -520,10 +537,15 @@ def rasterization(
         n_batches=flat,
         n_cameras=cameras,
     )
-    return whole(images, values.shape[-1]), whole(alphas, 1), meta
+    if extra_signals is not None:
+        last = colours.shape[-1] - ("D" in render_mode)
+        meta["render_extra_signals"] = colours[..., last - extra : last]
+        colours = torch.cat([colours[..., : last - extra], colours[..., last:]], -1)
+    return colours, whole(alphas, 1), meta
 
 
 def _shaded(
+    name: str,
     means: Tensor,
     colors: Tensor,
     viewmats: Tensor,
@@ -533,12 +555,13 @@ def _shaded(
     ids: tuple[Tensor, ...] | None,
     visible: Tensor,
 ) -> Tensor:
-    """Returns colours (B, C, N, D), or (nnz, D) of the chosen Gaussians."""
+    """Returns colours (B, C, N, D), or (nnz, D) of the chosen Gaussians, not clamped. `name` is that of the argument."""
     n, flat = means.shape[-2], math.prod(batch)
-    last = _shape(colors, "colors", len(batch) + (2 if degree is None else 3))[-1:]
-    if degree is not None:
-        last = (colors.shape[-2], 3)
-    _check("colors", colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
+    shape = _shape(colors, name, 2 if degree is None else 3)
+    if degree is not None and len(shape) == 3 and batch:  # the same for all of the batch
+        colors = colors.expand(*batch, *shape)
+    last = shape[-1:] if degree is None else shape[-2:]
+    _check(name, colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
     own = colors.dim() == len(batch) + 2 + len(last)  # each camera has its own colours
     colors = colors.reshape(flat, cameras if own else 1, n, *last)
     if ids is not None:
@@ -551,18 +574,18 @@ def _shaded(
     points = means.reshape(flat, 1, n, 3)
     if ids is not None:
         dirs = points[:, 0][ids[0], ids[2]] - centres[:, :, 0][ids[0], ids[1]]
-        return (spherical_harmonics(degree, dirs, colors) + 0.5).clamp_min(0)
-    return (spherical_harmonics(degree, points - centres, colors, visible) + 0.5).clamp_min(0)
+        return spherical_harmonics(degree, dirs, colors) + 0.5
+    return spherical_harmonics(degree, points - centres, colors, visible) + 0.5
 
 
 def _grounds(
-    backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, mode: str
+    backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, extra: int, mode: str
 ) -> list[Tensor] | None:
-    """Returns the background of each image; that of depths is 0."""
+    """Returns the background of each image; that of depths, and of extra signals unless it is given, is 0."""
     if backgrounds is None or "RGB" not in mode:
         return None
     wanted = channels - ("D" in mode)
-    _check("backgrounds", backgrounds, (*batch, cameras, wanted), like=means)
-    if channels > wanted:
-        backgrounds = torch.nn.functional.pad(backgrounds, (0, 1))
+    _check("backgrounds", backgrounds, (*batch, cameras, wanted), (*batch, cameras, wanted - extra), like=means)
+    if channels > backgrounds.shape[-1]:
+        backgrounds = torch.nn.functional.pad(backgrounds, (0, channels - backgrounds.shape[-1]))
     return list(backgrounds.reshape(-1, channels))
