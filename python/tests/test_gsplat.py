@@ -138,7 +138,7 @@ def truth(
         opacity = opacity * (torch.det(flat) / torch.det(blurred)).sqrt()
     colors = s["colors"][camera] if s["colors"].dim() == (3 if degree is None else 4) else s["colors"]
     if degree is not None:
-        place = torch.linalg.solve(view[:3, :3], -view[:3, 3])
+        place = torch.inverse(view)[:3, 3]
         colors = (harmonics(degree, s["means"] - place, colors) + 0.5).clamp_min(0)
     bands = ([colors] if "RGB" in mode else []) + ([p[:, 2:]] if "D" in mode else [])
     values = torch.cat(bands, -1)

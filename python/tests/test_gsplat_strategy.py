@@ -161,6 +161,12 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     strategy.step_post_backward(params, optimizers, state, 11, {}, lr=0.5)
     moved = params["means"] - means
     assert float(moved[21:].abs().max()) < 1e-6
+    still = MCMCStrategy(noise_injection_stop_iter=11)
+    means = params["means"].detach().clone()
+    still.step_post_backward(params, optimizers, {}, 11, {}, lr=0.5)
+    assert torch.equal(params["means"], means)
+    still.step_post_backward(params, optimizers, {}, 10, {}, lr=0.5)
+    assert not torch.equal(params["means"], means)
     # A deviation of s^2 = 4, times the share 1 / (1 + exp(-0.5)) of an opacity near 0.
     assert 1.7 < float(moved[:21].std()) < 3.3
 

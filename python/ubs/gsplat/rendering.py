@@ -18,6 +18,7 @@ CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
 LEAST_ALPHA = 1 / 255  # splats with a lower alpha are not rendered
+LEAST_COMPENSATION = 0.005  # smallest factor of opacities with rasterize_mode "antialiased"
 REACH = 3.33  # maximum number of standard deviations that radii cover
 
 
@@ -223,7 +224,7 @@ class _Projected:
         self.a, self.b, self.c = a + eps2d, b, c + eps2d
         self.determinant = sharp + (a + c) * eps2d + eps2d * eps2d
         self.seen = self.seen & (self.determinant > 0)
-        self.compensation = (sharp / self.determinant.clamp_min(1e-30)).clamp_min(1e-12).sqrt()
+        self.compensation = (sharp / self.determinant.clamp_min(1e-30)).clamp_min(LEAST_COMPENSATION**2).sqrt()
 
     def conics(self) -> Tensor:
         return torch.stack([self.c, -self.b, self.a], -1) / self.determinant.clamp_min(1e-30)[..., None]
@@ -570,7 +571,7 @@ def _shaded(
         colors = colors.expand(flat, cameras, n, *last)
     if degree is None:
         return colors
-    centres = torch.linalg.solve(viewmats[..., :3, :3], -viewmats[..., :3, 3:]).reshape(flat, cameras, 1, 3)
+    centres = torch.inverse(viewmats)[..., :3, 3].reshape(flat, cameras, 1, 3)
     points = means.reshape(flat, 1, n, 3)
     if ids is not None:
         dirs = points[:, 0][ids[0], ids[2]] - centres[:, :, 0][ids[0], ids[1]]

@@ -257,10 +257,16 @@ class MCMCStrategy(Strategy):
     """Strength of the noise, multiplied by the learning rate of the means."""
     refine_start_iter: int = 500
     refine_stop_iter: int = 25_000
+    noise_injection_stop_iter: int = -1
+    """Step from which there is no noise; -1: never."""
     refine_every: int = 100
     min_opacity: float = 0.005
     """Gaussians with at most this opacity move to others."""
     verbose: bool = False
+    noise_opacity_t: float = 0.005
+    """Opacity at which the noise has half of its strength."""
+    noise_opacity_k: float = 100.0
+    """How fast the noise falls with the opacity: it is multiplied by sigmoid(k (t - opacity))."""
 
     def initialize_state(self) -> Dict[str, Any]:
         """Returns the state for step_post_backward(), which is empty here."""
@@ -287,8 +293,10 @@ class MCMCStrategy(Strategy):
                     _replace(params, optimizers, {}, _all(params), chosen, {})
                 if self.verbose:
                     print(f"step {step}: {moved} Gaussians moved, {added} added, now {len(params['means'])}")
+            if 0 <= self.noise_injection_stop_iter <= step:
+                return
             opacities = torch.sigmoid(params["opacities"].flatten())
-            loose = torch.sigmoid(100 * ((1 - opacities) - 0.995)) * (lr * self.noise_lr)
+            loose = torch.sigmoid(self.noise_opacity_k * (self.noise_opacity_t - opacities)) * (lr * self.noise_lr)
             noise = torch.randn_like(params["means"]) * loose[:, None]
             params["means"].add_(_rotated(params, _all(params), noise, 2))
 
