@@ -11,8 +11,9 @@ named must be 0: those of a rasteriser never have a row here.
 BOUNDS = {
     # clang 15.0.6, ROCm's device libraries 5.2.3
     "gfx1030": {
-        # 124, 112 before a splat's path did not depend on its neighbours (2026-11-26): backward and gfx90a gained.
-        "project_forward": {"vgpr": 124, "narrow": 44},
+        # 126; 124 before the Newton step of 1/z (2026-11-28), 112 before a splat's path did not depend on its neighbours
+        # (2026-11-26). Registers are allocated in eights, so all from 121 to 128 have the same occupancy.
+        "project_forward": {"vgpr": 128, "narrow": 44},
         "project_backward": {"vgpr": 256, "narrow": 150},
         "raster_gpu_forward": {"vgpr": 96, "lds": 12288, "narrow": 14},
         "raster_gpu_backward": {"vgpr": 64, "lds": 28672, "narrow": 9},
