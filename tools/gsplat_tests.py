@@ -33,7 +33,7 @@ SOURCE = %r
 typing_extensions.Tuple = typing.Tuple  # for Python and typing_extensions older than those of gsplat
 
 
-class Stand(types.ModuleType):
+class StandIn(types.ModuleType):
     """A module of which only the names that the chosen tests use are real."""
     __path__ = []
     def __getattr__(self, name):
@@ -52,7 +52,7 @@ class Finder:
             return importlib.util.spec_from_file_location(name, SOURCE + "/" + name.replace(".", "/") + ".py")
         return importlib.machinery.ModuleSpec(name, self, is_package=True)
     def create_module(self, spec):
-        return Stand(spec.name)
+        return StandIn(spec.name)
     def exec_module(self, module):
         pass
 

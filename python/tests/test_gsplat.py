@@ -265,9 +265,7 @@ def within(errors: dict[str, float]) -> None:
 @pytest.mark.parametrize("packed", [True, False])
 def test_absolute_gradients(packed: bool, channels: int, chunk: int) -> None:
     torch.manual_seed(5)
-    s = scene(channels=channels)
-    if channels <= chunk:
-        s["backgrounds"] = torch.rand(2, channels)
+    s = {**scene(channels=channels), "backgrounds": torch.rand(2, channels)}
     mine = {k: v.clone().requires_grad_() for k, v in s.items()}
     arguments = {"width": WIDTH, "height": HEIGHT, "packed": packed}
     images, alphas, meta = rasterization(**mine, **arguments, absgrad=True, channel_chunk=chunk)
@@ -298,7 +296,7 @@ def test_absolute_gradients(packed: bool, channels: int, chunk: int) -> None:
             expected = expected + apart.grad.abs().sum(1)
         error = norm_error(found[c], expected)
         print(f"absolute gradients, camera {c}: {error:.1e}")
-        assert error < 7.6e-7  # largest observed: 3.8e-7
+        assert error < 7.6e-7  # largest observed: 4.0e-7
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGB+ED", "D"])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from typing import Any, Callable, TypeVar, cast
+from typing import Any, Callable, Iterator, TypeVar, cast
 
 import numpy as np
 import torch
@@ -214,10 +214,30 @@ class SparseGradient(torch.autograd.Function):
 class AbsGrad:
     """Where backward() stores the sums over pixels of the absolute gradients of means2d: in its attribute `absgrad`."""
 
-    def __init__(self, means2d: Tensor, first: int, chunk: int) -> None:
-        """The sums of an image begin at row `first` of means2d (..., 2). They are added over chunks of channels."""
+    def __init__(self, means2d: Tensor, first: int, chunk: int, background: Tensor | None) -> None:
+        """The sums of an image begin at row `first` of means2d (..., 2). Each chunk of channels has sums of its own,
+        which are added. background (D,): the colour that the caller blends behind the image."""
         # The tensor leads to the node of autograd that holds this object. A reference would keep both forever.
         self.means2d, self.first, self.chunk = weakref.ref(means2d), first, chunk
+        self.background = None if background is None else background.detach()
+
+    def chunks(
+        self, v_image: Tensor | None, v_alpha: Tensor | None
+    ) -> Iterator[tuple[int, Tensor | None, Tensor | None]]:
+        """Divides the gradients of an image (H, W, D) and its alpha (H, W) into those of chunks of channels. Each chunk
+        gets the part of v_alpha that comes from blending its channels with the background; the first also gets the
+        rest. Yields the first channel of a chunk and the two gradients."""
+        if v_image is None or v_image.shape[-1] <= self.chunk:
+            yield 0, v_image, v_alpha
+            return
+        if self.background is not None and v_alpha is not None:
+            v_alpha = v_alpha + v_image @ self.background
+        for first in range(0, v_image.shape[-1], self.chunk):
+            part, v_part = v_image[..., first : first + self.chunk], v_alpha if first == 0 else None
+            if self.background is not None:
+                blended = part @ self.background[first : first + self.chunk]
+                v_part = -blended if v_part is None else v_part - blended
+            yield first, part, v_part
 
     def put(self, sums: Tensor) -> None:
         means2d: Any = self.means2d()
@@ -284,13 +304,11 @@ class Draw(torch.autograd.Function):
                     _wait(*total)
             if ctx.absgrad is not None:
                 slot = slot_for(slot.device, len(means2d), absgrad=True)
-                chunk = ctx.absgrad.chunk
                 with slot.lock:
-                    for first in range(0, channels, chunk) if v_image is not None else range(1):
-                        values = {1: _three(colors[:, : first + chunk], first, depths)}
+                    for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
+                        values = {1: _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
                         slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
-                        v_rgb = None if v_image is None else _padded(v_image[..., first : first + chunk])
-                        v = slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)
+                        v = slot.differentiate(ctx.camera, None if v_part is None else _padded(v_part), v_weight)
                         sums = sums + rows.gradients([t.to(where) for t in v])[0]
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)

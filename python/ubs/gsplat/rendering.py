@@ -501,11 +501,12 @@ def rasterization(
     split = [part.split(counts, dim=int(k == 1)) for k, part in enumerate(parts)]
     images, alphas = [], []
     for k in range(flat * cameras):
-        sums = AbsGrad(means2d, sum(counts[:k]), chunk) if absgrad else None
+        ground = None if grounds is None else grounds[k]
+        sums = AbsGrad(means2d, sum(counts[:k]), chunk, ground) if absgrad else None
         image, alpha = draw(size, device, sums, *(part[k] for part in split))
         alpha = alpha[..., None]
-        if grounds is not None:
-            image = image + (1 - alpha) * grounds[k]
+        if ground is not None:
+            image = image + (1 - alpha) * ground
         if "ED" in render_mode:
             image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
         images.append(image)
