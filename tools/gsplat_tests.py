@@ -162,8 +162,8 @@ def main(source: str, options: list[str]) -> int:
         folder = pathlib.Path(name)
         (folder / "tests").mkdir()
         (folder / "conftest.py").write_text(CONFTEST % source)
-        (folder / "tests/__init__.py").touch()
-        (folder / "tests/test_cameras.py").write_text("parse_lidar_camera = None\n")
+        (folder / "tests" / "__init__.py").touch()
+        (folder / "tests" / "test_cameras.py").write_text("parse_lidar_camera = None\n")
         worst = 0
         for test, chosen in TESTS.items():
             text = (pathlib.Path(source) / "tests" / test).read_text()
@@ -177,6 +177,6 @@ def main(source: str, options: list[str]) -> int:
 
 if __name__ == "__main__":
     source = os.environ.get("GSPLAT_SOURCE", "")
-    if not (pathlib.Path(source) / "tests/test_basic.py").is_file():
+    if not (pathlib.Path(source) / "tests" / "test_basic.py").is_file():
         sys.exit("gsplat_tests.py: set GSPLAT_SOURCE to a checkout of https://github.com/nerfstudio-project/gsplat")
     sys.exit(main(str(pathlib.Path(source).resolve()), sys.argv[1:]))
