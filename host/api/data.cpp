@@ -4,6 +4,7 @@
 
 #include "host/api/handles.hpp"
 #include "host/api/open_data.hpp"
+#include "host/data/synthetic.hpp"
 #include "host/data/view_names.hpp"
 
 namespace ubs::facade {
@@ -135,6 +136,27 @@ ubs_status ubs_data_open(const char* path, const ubs_settings* settings, ubs_dat
   });
 }
 
+ubs_status ubs_data_synthesise(const ubs_synthetic* scene, const char* folder) {
+  return guarded([&] {
+    const ubs_synthetic from = taken(scene, "scene");
+    SyntheticOptions options;
+    const auto choose = [](int& option, std::int32_t value) {
+      if (value != 0) option = value;
+    };
+    options.scene = &given(from.scene, "scene.scene");
+    choose(options.width, from.width);
+    choose(options.height, from.height);
+    choose(options.train_views, from.train_views);
+    choose(options.test_views, from.test_views);
+    choose(options.val_views, from.val_views);
+    choose(options.supersampling, from.supersampling);
+    if (from.test_views == -1) options.test_views = 0;
+    options.seed = from.seed;
+    options.overwrite = from.overwrite != 0;
+    export_synthetic(options, &given(folder, "folder"));
+  });
+}
+
 ubs_status ubs_data_create(ubs_data** data) {
   return made(data, [] {
     auto created = std::make_unique<ubs_data>();
@@ -156,6 +178,8 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
     check_split_name(&given(split, "split"));
     view.name = checked_name(name, set.find(split));
     check_camera(view.camera, fmt::format("view '{}'", view.name));
+    if (view.camera.time < 0 || view.camera.time > 1)
+      fail(ErrorKind::usage, "view '{}': time = {} is outside of 0 to 1", view.name, view.camera.time);
     const auto pixels =
         static_cast<std::size_t>(view.camera.width) * static_cast<std::size_t>(view.camera.height);
     if (mask && !rgb) fail(ErrorKind::usage, "view '{}' has a mask and no image", view.name);

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the C interface for version, errors and log.
+#include <algorithm>
 #include <cstdio>
+#include <string>
+#include <string_view>
 
 #include "host/api/handles.hpp"
 #include "host/base/version.hpp"
 #include "host/base/warning.hpp"
+#include "host/scene/train_settings.hpp"
 
 namespace ubs::facade {
 namespace {
@@ -13,7 +17,36 @@ thread_local char message[1024] = "";
 
 }  // namespace
 
-void remember_error(const char* text) noexcept { std::snprintf(message, sizeof message, "%s", text); }
+// Replaces names of options of the executable by those of settings and arguments: "--test-every" by
+// "test_every".
+std::string in_library_terms(std::string_view text) {
+  std::string result;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t start = text.find("--", at);
+    result += text.substr(at, start - at);
+    if (start == std::string_view::npos) break;
+    const std::size_t end =
+        std::min(text.find_first_not_of("abcdefghijklmnopqrstuvwxyz-", start + 2), text.size());
+    std::string key(text.substr(start + 2, end - start - 2));
+    std::ranges::replace(key, '-', '_');
+    const bool known = key == "device" || key == "overwrite" ||
+                       std::ranges::any_of(train_fields(), [&](const auto& f) { return f.key == key; });
+    if (key == "lpips_weights")
+      result += "weights";
+    else
+      result += known ? key : std::string(text.substr(start, end - start));
+    at = end;
+  }
+  return result;
+}
+
+void remember_error(const char* text) noexcept {
+  try {
+    std::snprintf(message, sizeof message, "%s", in_library_terms(text).c_str());
+  } catch (const std::bad_alloc&) {
+    std::snprintf(message, sizeof message, "%s", text);
+  }
+}
 
 }  // namespace ubs::facade
 
@@ -28,7 +61,7 @@ void ubs_set_log(ubs_log_function function, void* user) {
   ubs::facade::guarded([&] {
     if (!function) return ubs::set_log({});
     ubs::set_log([function, user](ubs::LogLevel level, const std::string& text) {
-      function(user, level == ubs::LogLevel::warning ? 1 : 0, text.c_str());
+      function(user, level == ubs::LogLevel::warning ? 1 : 0, ubs::facade::in_library_terms(text).c_str());
     });
   });
 }

@@ -21,10 +21,18 @@ const char* group_name(const std::string& name) {
   fail(ErrorKind::internal, "unknown parameter group '{}'", name);
 }
 
+void check_count(std::uint64_t splats) {
+  constexpr std::uint64_t kMaxSplats = 100'000'000;  // the same limit as for cap_max
+  if (splats < 1 || splats > kMaxSplats)
+    fail(ErrorKind::usage, "a model can have 1 to {} splats, not {}", kMaxSplats, splats);
+}
+
 void save(const LoadedModel& loaded, const std::string& path, const std::string& format, double time) {
   const SplatFormat* by_name = format_of_extension(path);
-  const SplatFormat& kind =
-      format == "auto" && by_name ? *by_name : splat_format(format == "auto" ? "ubs" : format);
+  if (format == "auto" && !by_name)
+    fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one of the formats {}", path,
+         small_extension(path), fmt::join(written_formats(), ", "));
+  const SplatFormat& kind = format == "auto" ? *by_name : splat_format(format);
   if (kind.ours()) return write_mixed_ply(path, loaded.model, loaded.comments);
   ReduceOptions options{.time = time, .opacity = "mean", .viewpoints = {}};
   for (const Camera& camera : loaded.notes.cameras) options.viewpoints.push_back(camera.centre());
@@ -47,9 +55,7 @@ ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_m
     validate(values);
     if (values.dim == kAutoInt)
       fail(ErrorKind::usage, "dim = auto requires data: pass a number from 3 to 11");
-    constexpr std::uint64_t kMaxSplats = 100'000'000;  // the same limit as for cap_max
-    if (splats < 1 || splats > kMaxSplats)
-      fail(ErrorKind::usage, "a model can have 1 to {} splats, not {}", kMaxSplats, splats);
+    check_count(splats);
     auto created = std::make_unique<ubs_model>();
     created->loaded.model = SplatModel(values.dim, splats, values.variant);
     created->loaded.notes = notes_for(values, {});
@@ -79,6 +85,20 @@ ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* se
 
 ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy) {
   return made(copy, [&] { return std::make_unique<ubs_model>(given(model, "model")); });
+}
+
+ubs_status ubs_model_create_like(const ubs_model* model, uint64_t splats, ubs_model** created) {
+  return made(created, [&] {
+    const LoadedModel& loaded = given(model, "model").loaded;
+    const SplatModel& group = loaded.model.single("a model of another number of splats");
+    check_count(splats);
+    auto like = std::make_unique<ubs_model>();
+    like->loaded.offset = loaded.offset;
+    like->loaded.notes = loaded.notes;
+    like->loaded.comments = loaded.comments;
+    like->loaded.model = SplatModel(group.dim, splats, group.variant);
+    return like;
+  });
 }
 
 void ubs_model_free(ubs_model* model) { delete model; }

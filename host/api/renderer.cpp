@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements the C interface for a model on a device: rendered images, and gradients with respect
 // to what was rendered.
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <span>
@@ -33,6 +34,12 @@ constexpr std::int64_t kMaxArraySide = 1 << 20;  // [px]
 
 std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+}
+
+bool depends_on_direction(const MixedModel& model) {
+  return std::ranges::any_of(model.groups, [](const SplatModel& group) {
+    return group.dim >= 6 || group.variant.harmonics() > 1 || group.variant.lobes() > 0;
+  });
 }
 
 // Throws unless the groups have the same dimensions and variants, and the same numbers of splats (or at most
@@ -117,8 +124,9 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
            flags);
     if ((flags & UBS_RENDER_ABSGRAD) && !(flags & UBS_RENDER_GRADIENTS))
       fail(ErrorKind::usage, "UBS_RENDER_ABSGRAD requires UBS_RENDER_GRADIENTS");
-    const TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
+    TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
     validate(values);
+    if (!values.chosen.contains("query_grad")) values.query_grad = depends_on_direction(loaded.model);
     auto created = std::make_unique<ubs_renderer>();
     created->open = given(device, "device").open;
     const std::lock_guard lock(created->open->mutex);

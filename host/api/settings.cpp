@@ -2,7 +2,49 @@
 // This file implements the C interface for settings, which are accessed by name.
 #include "host/scene/settings.hpp"
 
+#include <algorithm>
+#include <set>
+#include <vector>
+
 #include "host/api/handles.hpp"
+
+namespace ubs::facade {
+namespace {
+
+// What an object of the interface takes from the settings.
+struct ObjectUse {
+  const char* name;
+  unsigned uses;                       // FieldUse
+  std::vector<std::string_view> more;  // keys without such a use
+  bool form;                           // dim and variant
+};
+
+ObjectUse object_use(ubs_use use) {
+  switch (use) {
+    case UBS_USE_DATA:
+      return {"data", kOfReading, {"background", "image_cache_mb"}, false};
+    case UBS_USE_MODEL:
+      return {"a new model", kOfDrawing, {}, true};
+    case UBS_USE_RENDERER:
+      return {"a renderer", kOfKernels | kOfDrawing, {"raster"}, false};
+  }
+  fail(ErrorKind::usage, "use {} is unknown", static_cast<int>(use));
+}
+
+bool is_form(std::string_view key) { return key == "dim" || variant_values(key); }
+
+void check_effect(const std::set<std::string, std::less<>>& keys, const ObjectUse& object) {
+  const std::vector<std::string_view> used = keys_used(object.uses);
+  for (const std::string& key : keys) {
+    if (std::ranges::count(used, key) + std::ranges::count(object.more, key) > 0) continue;
+    if (!is_form(key)) fail(ErrorKind::usage, "{} has no effect on {}", key, object.name);
+    if (!object.form)
+      fail(ErrorKind::usage, "{} has no effect on {}: the form is that of the model", key, object.name);
+  }
+}
+
+}  // namespace
+}  // namespace ubs::facade
 
 using namespace ubs;
 using namespace ubs::facade;
@@ -52,6 +94,10 @@ ubs_status ubs_settings_get(const ubs_settings* settings, const char* key, char*
     }
     fail(ErrorKind::usage, "settings: unknown key '{}'", wanted);
   });
+}
+
+ubs_status ubs_settings_check(const ubs_settings* settings, ubs_use use) {
+  return guarded([&] { check_effect(given(settings, "settings").values.chosen, object_use(use)); });
 }
 
 ubs_status ubs_settings_describe(size_t index, const char** key, const char** help) {

@@ -63,20 +63,27 @@ void check_as_opened(TrainSettings settings, const ubs_data& data) {
   }
 }
 
-SplatModel first_model(const ubs_model* given_one, const Dataset& rest, const Split& train,
-                       const TrainSettings& settings) {
-  if (!given_one) return initial_model(rest, train, in_unit(settings));
-  const LoadedModel& loaded = given_one->loaded;
+// Returns a model of the caller in the unit of training.
+SplatModel as_first(const LoadedModel& loaded, const std::array<double, 3>& offset,
+                    const TrainSettings& settings) {
   const SplatModel& model = loaded.model.single("training");
-  if (loaded.offset != rest.offset)
-    fail(ErrorKind::usage, "the initial model and the data have different world offsets");
+  if (loaded.offset != offset) fail(ErrorKind::usage, "the model and the data have different world offsets");
   for (const float value : model.values)
-    if (!std::isfinite(value))
-      fail(ErrorKind::usage, "the initial model contains values that are not finite");
+    if (!std::isfinite(value)) fail(ErrorKind::usage, "the model contains values that are not finite");
   check_initial(settings, model);  // before kernels are run with the model
   SplatModel first = model;
   scale_lengths(first, 1 / settings.unit);
   return first;
+}
+
+// Throws if a model does not fit into the memory that the trainer has allocated.
+void check_room(const ubs_trainer& t, std::size_t splats, const std::string& what) {
+  const int room = t.trainer->drawn_settings().cap_max;
+  if (splats > static_cast<std::size_t>(room))
+    fail(ErrorKind::usage,
+         "{} has {} splats, but the trainer has room for {} (the larger of cap_max and the splats of the "
+         "initial model)",
+         what, splats, room);
 }
 
 ubs_step step_of(const ubs_trainer& t) {
@@ -140,7 +147,8 @@ ubs_status ubs_trainer_create(ubs_device* device, const ubs_data* data, const ub
     t.train = in_unit(train, t.settings.unit);
     t.test = test_views(*t.set, t.settings);
     t.about.offset = rest.offset;
-    const SplatModel first = first_model(initial, rest, t.train, t.settings);
+    const SplatModel first = initial ? as_first(initial->loaded, rest.offset, t.settings)
+                                     : initial_model(rest, t.train, in_unit(t.settings));
     const std::lock_guard lock(t.open->mutex);
     Device& opened = *t.open->device;
     prove_device(opened.info(), t.open->index, training_use(t.settings));
@@ -201,6 +209,34 @@ ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model) 
   });
 }
 
+ubs_status ubs_trainer_set_model(ubs_trainer* trainer, const ubs_model* model, const int64_t* from) {
+  return guarded([&] {
+    ubs_trainer& t = given(trainer, "trainer");
+    const LoadedModel& loaded = given(model, "model").loaded;
+    const std::lock_guard lock(t.open->mutex);
+    not_while_running(t);
+    SplatModel next = as_first(loaded, t.about.offset, t.settings);
+    check_room(t, next.count, "the new model");
+    TrainState state = t.trainer->state();
+    const std::size_t old = state.model.count;
+    const auto moved = [&](const std::vector<float>& moments) {
+      const std::size_t rows = old == 0 ? 0 : moments.size() / old;
+      std::vector<float> rest(rows * next.count, 0.0f);
+      for (std::size_t i = 0; from && i < next.count; ++i) {
+        if (from[i] < -1 || from[i] >= static_cast<std::int64_t>(old))
+          fail(ErrorKind::usage, "from[{}] = {} is neither -1 nor one of the {} splats", i, from[i], old);
+        for (std::size_t r = 0; from[i] >= 0 && r < rows; ++r)
+          rest[r * next.count + i] = moments[r * old + static_cast<std::size_t>(from[i])];
+      }
+      return rest;
+    };
+    state.moment1 = moved(state.moment1);
+    state.moment2 = moved(state.moment2);
+    state.model = std::move(next);
+    t.trainer->restore(state);
+  });
+}
+
 ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics) {
   return guarded([&] {
     ubs_trainer& t = given(trainer, "trainer");
@@ -233,12 +269,7 @@ ubs_status ubs_trainer_restore(ubs_trainer* trainer, const char* path) {
     check_same_run(checkpoint, t.identity, false);
     const std::lock_guard lock(t.open->mutex);
     not_while_running(t);
-    const int room = t.trainer->drawn_settings().cap_max;
-    if (checkpoint.state.model.count > static_cast<std::size_t>(room))
-      fail(ErrorKind::usage,
-           "{}: the state has {} splats, but the trainer has room for {} (the larger of cap_max and the "
-           "splats of `initial`): create it with the initial model of the original run",
-           path, checkpoint.state.model.count, room);
+    check_room(t, checkpoint.state.model.count, fmt::format("{}: the state", path));
     t.trainer->restore(checkpoint.state);
   });
 }

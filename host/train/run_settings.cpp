@@ -67,10 +67,10 @@ InitOptions init_options(const TrainSettings& settings) {
 
 void check_initial(const TrainSettings& settings, const SplatModel& initial) {
   if (initial.dim != settings.dim)
-    fail(ErrorKind::usage, "the initial model has {} dimensions, but the settings have {}", initial.dim,
+    fail(ErrorKind::usage, "the model has {} dimensions, but the settings have {}", initial.dim,
          settings.dim);
   if (initial.variant != settings.variant)
-    fail(ErrorKind::usage, "the initial model has the form '{}', but the settings have '{}'",
+    fail(ErrorKind::usage, "the model has the form '{}', but the settings have '{}'",
          to_string(initial.variant), to_string(settings.variant));
 }
 

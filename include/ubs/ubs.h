@@ -142,6 +142,16 @@ UBS_API ubs_status ubs_settings_get(const ubs_settings* settings, const char* ke
  * stay valid. */
 UBS_API ubs_status ubs_settings_describe(size_t index, const char** key, const char** help);
 
+typedef enum ubs_use {
+  UBS_USE_DATA = 0,    /* ubs_data_open */
+  UBS_USE_MODEL = 1,   /* ubs_model_create */
+  UBS_USE_RENDERER = 2 /* ubs_renderer_create */
+} ubs_use;
+
+/* Returns UBS_ERROR_USAGE if a setting that was set or loaded has no effect on what is created. The functions
+ * that create it ignore such settings, so that one ubs_settings serves for all of them. */
+UBS_API ubs_status ubs_settings_check(const ubs_settings* settings, ubs_use use);
+
 /* ---- Data: views with cameras and images, in the splits "train", "test" and "val" ---- */
 
 typedef struct ubs_camera {
@@ -164,12 +174,29 @@ typedef struct ubs_view {
 /* Opens a folder of any known layout, or a packed file (docs/data.md). `settings` determine layout,
  * background, downscale, frames and so on; NULL: defaults. */
 UBS_API ubs_status ubs_data_open(const char* path, const ubs_settings* settings, ubs_data** data);
+
+/* A procedural scene, as `ubs synth` makes it. Members that are 0 have the defaults in brackets. */
+typedef struct ubs_synthetic {
+  size_t size;
+  const char* scene;     /* "glossy" (static, reflections), "orbit" (dynamic), "cloud" (a volume) */
+  int32_t width, height; /* [100] px */
+  int32_t train_views;   /* [40] */
+  int32_t test_views;    /* [8]; -1: none */
+  int32_t val_views;     /* [0] */
+  int32_t supersampling; /* [3] rays per pixel along each axis */
+  uint64_t seed;         /* determines the cameras and the shape of the cloud */
+  int32_t overwrite;     /* replace the files of an earlier scene in the folder */
+} ubs_synthetic;
+
+/* Writes a procedural scene into `folder`, which ubs_data_open can open. Equal members give equal files. */
+UBS_API ubs_status ubs_data_synthesise(const ubs_synthetic* scene, const char* folder);
 /* Creates an empty data set, to be filled by the next two functions. */
 UBS_API ubs_status ubs_data_create(ubs_data** data);
 UBS_API void ubs_data_free(ubs_data* data);
-/* Appends a view. `name`: unique in its split, and valid as a file name without extension; NULL: the number
- * of the view. `rgb`: (height, width, 3) bytes, already composited on the background; NULL: a view without
- * image. `mask`: (height, width) bytes, where 0 means that the pixel does not count; or NULL. */
+/* Appends a view. camera.time must lie between 0 and 1. `name`: unique in its split, and valid as a file name
+ * without extension; NULL: the number of the view. `rgb`: (height, width, 3) bytes, already composited on the
+ * background; NULL: a view without image. `mask`: (height, width) bytes, where 0 means that the pixel does
+ * not count; or NULL. */
 UBS_API ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name,
                                      const ubs_camera* camera, const uint8_t* rgb, const uint8_t* mask);
 /* Sets the points for initial models: positions (count, 3) in the world, colours (count, 3) or NULL. */
@@ -214,13 +241,16 @@ UBS_API ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splat
 UBS_API ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* settings,
                                             ubs_model** model);
 UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
+/* Creates a model of `splats` splats whose parameters are all 0, with everything else as in another model:
+ * dimension, variant, offset, and the settings for rendering. */
+UBS_API ubs_status ubs_model_create_like(const ubs_model* model, uint64_t splats, ubs_model** created);
 UBS_API void ubs_model_free(ubs_model* model);
 /* Loads a model file of any known format (docs/data.md), or the model in the folder of a finished run. */
 UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
 /* Saves a model. `format` is a name of `ubs convert --to`. "ubs" or NULL saves everything. "auto" chooses the
- * format by the extension of the path, and "ubs" for .ply and for unknown extensions. Formats other than
- * "ubs" store the model at `time`, with directions averaged over the cameras that the model lists, if any.
- * Replaces an existing file of that name, but neither a link nor a folder. */
+ * format by the extension of the path, "ubs" for .ply; UBS_ERROR_USAGE if no format has the extension.
+ * Formats other than "ubs" store the model at `time`, with directions averaged over the cameras that the
+ * model lists, if any. Replaces an existing file of that name, but neither a link nor a folder. */
 UBS_API ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time);
 UBS_API ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info);
 /* Returns parameter number `index` (from 0) of a group (less than the model's `groups`). */
@@ -270,7 +300,9 @@ typedef struct ubs_loss {
 } ubs_loss;
 
 /* Copies the model to the device. `settings`: NULL: those of ubs_model_get_settings. `flags`: what will be
- * requested from the renderer. */
+ * requested from the renderer. Gradients are those of the rendered image, including the path through the view
+ * direction to the positions, which training leaves out as published. Set "query_grad" to "false" to leave it
+ * out here too. */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
 UBS_API void ubs_renderer_free(ubs_renderer* renderer);
@@ -293,8 +325,8 @@ UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* c
                                      ubs_model* gradient);
 
 /* Returns the gradient with respect to the camera that belongs to the last call of ubs_renderer_vjp or
- * ubs_renderer_loss with gradients. It includes the effect of the view direction on the splats, even if the
- * setting query_grad excludes that from the gradients of the parameters. Returns UBS_ERROR_USAGE if the
+ * ubs_renderer_loss with gradients. It includes the effect of the view direction on the splats, whatever
+ * "query_grad" is. Returns UBS_ERROR_USAGE if the
  * background is a sky of harmonics. */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
 
@@ -366,6 +398,12 @@ UBS_API ubs_status ubs_trainer_run(ubs_trainer* trainer, uint32_t steps, ubs_ste
 UBS_API ubs_status ubs_trainer_get_status(const ubs_trainer* trainer, ubs_step* step);
 /* Returns the current model. */
 UBS_API ubs_status ubs_trainer_get_model(const ubs_trainer* trainer, ubs_model** model);
+/* Replaces the splats in training, for example to add or remove some, and keeps everything else: the
+ * iteration, cameras, appearance, background. `model`: of the trainer's dimension and variant, with at most
+ * as many splats as the trainer has room for (the larger of cap_max and the splats of the initial model).
+ * `from`: for each splat, the index of the current splat whose optimiser state it takes over, or -1 for a new
+ * state; NULL: all states are new. */
+UBS_API ubs_status ubs_trainer_set_model(ubs_trainer* trainer, const ubs_model* model, const int64_t* from);
 /* Returns the mean metrics over the test views. Returns UBS_ERROR_DATA if there are none. */
 UBS_API ubs_status ubs_trainer_evaluate(ubs_trainer* trainer, ubs_metrics* metrics);
 /* Write a checkpoint, and resume from one. The trainer must have been created with the same data, settings

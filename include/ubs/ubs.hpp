@@ -145,6 +145,8 @@ class Settings {
     check(ubs_settings_get(get(), key.c_str(), value.data(), length + 1, nullptr));
     return value;
   }
+  // Throws if a setting has no effect on the object.
+  void check_effect(ubs_use use) const { check(ubs_settings_check(get(), use)); }
   ubs_settings* get() const { return handle_.get(); }
 
  private:
@@ -157,6 +159,11 @@ class Data {
   explicit Data(const std::string& path, const Settings& settings = {})
       : handle_(detail::made<ubs_data>(
             [&](ubs_data** data) { return ubs_data_open(path.c_str(), settings.get(), data); })) {}
+  // Writes a procedural scene into a folder. `options.size` need not be set.
+  static void synthesise(ubs_synthetic options, const std::string& folder) {
+    options.size = sizeof options;
+    check(ubs_data_synthesise(&options, folder.c_str()));
+  }
   // If the name is empty, it is the number of the view. Empty spans: no image, no mask.
   Data& add_view(const std::string& split, const std::string& name, const ubs_camera& camera,
                  std::span<const std::uint8_t> rgb = {}, std::span<const std::uint8_t> mask = {}) {
@@ -221,6 +228,11 @@ class Model {
   Model& operator=(Model other) {
     handle_.swap(other.handle_);
     return *this;
+  }
+  // Returns a model of `splats` splats whose parameters are all 0, with everything else as in this model.
+  Model like(std::uint64_t splats) const {
+    return Model(detail::made<ubs_model>(
+        [&](ubs_model** m) { return ubs_model_create_like(get(), splats, m); }));
   }
   void save(const std::string& path, const std::string& format = "ubs", double time = 0) const {
     check(ubs_model_save(get(), path.c_str(), format.c_str(), time));
@@ -373,6 +385,12 @@ class Trainer {
   }
   Model model() const {
     return Model(detail::made<ubs_model>([&](ubs_model** m) { return ubs_trainer_get_model(get(), m); }));
+  }
+  // `from`: for each splat of the model the index of the current splat whose optimiser state it takes over,
+  // or -1; empty: all states are new.
+  void set_model(const Model& model, std::span<const std::int64_t> from = {}) {
+    if (!from.empty()) detail::check_size(from.size(), static_cast<std::size_t>(model.info().splats), "from");
+    check(ubs_trainer_set_model(get(), model.get(), from.empty() ? nullptr : from.data()));
   }
   ubs_metrics evaluate() {
     auto metrics = sized<ubs_metrics>();

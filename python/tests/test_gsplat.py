@@ -570,7 +570,7 @@ def test_values_that_are_not_finite_are_refused(name: str) -> None:
 
 def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenCL of cards: values pass through host memory."""
-    from ubs.gsplat import _raster
+    from ubs import _raster
 
     def gradients() -> list[Any]:
         s = {key: value.clone().requires_grad_() for key, value in scene(channels=4).items()}

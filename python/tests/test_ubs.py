@@ -7,6 +7,7 @@ import copy
 import ctypes
 import gc
 import json
+import multiprocessing
 import os
 import pickle
 import re
@@ -75,7 +76,8 @@ def test_pictures_and_gradients_are_those_of_the_executable(
         room = np.full_like(image.rgb, 9)
         assert model.render(view.camera, out=room) is room and np.array_equal(room, image.rgb)
         assert image.rgb.std() > 0.01
-    run_ubs("gradients", "--view", 1, "--out", tmp_path / "gradient.ply", *common, program="UBS_LAB_EXECUTABLE")
+    options = ["--view", 1, "--set", "query_grad=true", "--out", tmp_path / "gradient.ply"]
+    run_ubs("gradients", *options, *common, program="UBS_LAB_EXECUTABLE")
     expected = ubs.Model.load(tmp_path / "gradient.ply").parameters
     found, gradient = ubs.loss(model, data.test[1].camera, data.test[1].image)
     assert found.loss == pytest.approx(0.8 * found.l1 + 0.2 * (1 - found.ssim), rel=1e-6)
@@ -159,6 +161,13 @@ def test_written_parameters_are_drawn(data: ubs.Dataset, model: ubs.Model) -> No
     values["xyz"][:] = model.parameters["xyz"]
     assert not np.array_equal(other.render(camera), after)
     assert np.array_equal(model.render(camera), before)
+    other.parameters["rgb"] = np.zeros_like(values["rgb"])  # was lost
+    assert not other.parameters["rgb"].any() and not values["rgb"].any()
+    assert np.array_equal(other.render(camera), other.copy().render(camera))
+    for name, wrong in (("rgb", np.zeros((1, 3))), ("colour", np.zeros(3))):
+        with pytest.raises(ubs.UsageError, match=name):
+            other.parameters[name] = wrong
+    assert "xyz" in repr(values) and len(values) == len(list(values))
     kept = model.copy().parameters["xyz"]
     gc.collect()
     assert np.array_equal(kept, model.parameters["xyz"])
@@ -183,6 +192,45 @@ def test_training_in_parts(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
     assert again.evaluate().psnr > 5
     with pytest.raises(ubs.UsageError, match="lambda_dssim"):
         ubs.Trainer(data, **SETTINGS, lambda_dssim=0.5).restore(tmp_path / "checkpoint.ubs")
+
+
+def test_splats_can_be_replaced_in_training(data: ubs.Dataset, tmp_path: Path) -> None:
+    settings = {**SETTINGS, "refine": "0:0:1", "unit": 1, "noise_lr": 0}
+    whole, parts = ubs.Trainer(data, **settings), ubs.Trainer(data, **settings)
+    whole.run()
+    parts.run(30)
+    model = parts.model
+    order = np.random.default_rng(3).permutation(len(model))
+    shuffled = model.like(len(model))
+    for name, values in model.parameters.items():
+        shuffled.parameters[name] = values[order]
+    parts.set_model(shuffled, source=order)
+    back = np.argsort(order)
+    parts.set_model(model, source=back)
+    parts.run()
+    for name, values in whole.model.parameters.items():  # parameters and optimiser states have moved together
+        assert np.array_equal(parts.model.parameters[name], values)
+    forgot = ubs.Trainer(data, **settings)
+    forgot.run(30)
+    forgot.set_model(forgot.model)
+    forgot.run()
+    assert not np.array_equal(forgot.model.parameters["xyz"], whole.model.parameters["xyz"])
+    more = model.like(len(model) + 7)
+    for name, values in model.parameters.items():
+        more.parameters[name] = np.concatenate([values, values[:7]])
+    source = np.concatenate([np.arange(len(model)), np.full(7, -1)])
+    parts.set_model(more, source)
+    assert len(parts.model) == len(model) + 7
+    trainer = ubs.Trainer(data, **settings)
+    for wrong, number in (([0, 1], "integers"), (np.full(len(more), len(model) + 9), "is neither -1 nor one of"),
+                          (np.full(len(more), -2), "is neither -1"), (source / 2, "integers")):
+        with pytest.raises(ubs.UsageError, match=number):
+            trainer.set_model(more, wrong)
+    with pytest.raises(ubs.UsageError, match="room for 400"):
+        trainer.set_model(model.like(401))
+    with pytest.raises(ubs.UsageError, match="dimension|form"):
+        trainer.set_model(ubs.Model.empty(3, 5))
+    assert trainer.status.iteration == 0
 
 
 def test_ctrl_c_ends_training_with_its_state(data: ubs.Dataset) -> None:
@@ -277,11 +325,82 @@ def test_copies_own_their_handles(data: ubs.Dataset, model: ubs.Model) -> None:
         made.parameters["xyz"][:] += 1
         assert not np.array_equal(made.parameters["xyz"], model.parameters["xyz"])
         assert np.array_equal(made.parameters["rgb"], model.parameters["rgb"])
-    for owner in (data, ubs.Renderer(model)):
-        with pytest.raises(TypeError, match="cannot be pickled or copied"):
-            copy.copy(owner)
-    with pytest.raises(TypeError, match="cannot be pickled or copied"):
-        pickle.dumps(model)
+    for owner in (ubs.Renderer(model), ubs.Trainer(data, **SETTINGS)):
+        for copied in (copy.copy, pickle.dumps):
+            with pytest.raises(TypeError, match="cannot be pickled or copied"):
+                copied(owner)
+
+
+def test_models_can_be_pickled(data: ubs.Dataset, model: ubs.Model) -> None:
+    again = pickle.loads(pickle.dumps(model))
+    camera = data.test[0].camera
+    assert repr(again) == repr(model) and str(len(model)) in repr(model) and "N = 6" in repr(model)
+    assert again.parameters.keys() == model.parameters.keys()
+    for name, values in model.parameters.items():
+        assert np.array_equal(again.parameters[name], values)
+    assert np.array_equal(again.render(camera), model.render(camera))
+    white = ubs.Model.empty(6, 3, background=(1, 1, 1))
+    assert np.array_equal(pickle.loads(pickle.dumps(white)).render(camera), white.render(camera))
+
+
+def test_data_can_be_pickled_and_iterated(folder: Path, data: ubs.Dataset) -> None:
+    opened = ubs.Dataset.open(folder, background=(0, 1, 0))
+    camera = opened.train[0].camera
+    opened.add_view("train", camera, np.full((40, 40, 3), 7, np.uint8), mask=np.eye(40), name="added")
+    made = ubs.Dataset()
+    made.add_view("test", camera, name="no image")
+    made.set_points([[0, 0, 1], [1, 2, 3]], np.array([[1, 2, 3], [4, 5, 6]], np.uint8))
+    assert repr(opened) == f"<ubs.Dataset of {str(folder)!r}: 9 train, 2 test views>"
+    assert repr(made) == "<ubs.Dataset: 1 test views>" and repr(ubs.Dataset()) == "<ubs.Dataset: no views>"
+    for original in (opened, made):
+        for again in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original)):
+            assert len(again) == len(original) == len(list(original))
+            for mine, other in zip(again, original):
+                assert (mine.name, mine.camera) == (other.name, other.camera)
+                assert (mine.has_image, mine.has_mask) == (other.has_image, other.has_mask)
+                if other.has_image:
+                    assert np.array_equal(mine.image, other.image) and np.array_equal(mine.mask, other.mask)
+    view = pickle.loads(pickle.dumps(data.test[1]))
+    assert view.name == data.test[1].name and np.array_equal(view.image, data.test[1].image)
+    made.add_view("train", camera, np.zeros((40, 40, 3), np.uint8))
+    start = [ubs.Model.initial(d, dim=3).parameters for d in (made, pickle.loads(pickle.dumps(made)))]
+    assert np.array_equal(start[0]["xyz"], [[0, 0, 1], [1, 2, 3]])
+    assert all(np.array_equal(start[0][name], start[1][name]) for name in start[0])
+
+
+def test_other_processes_get_models_and_views(data: ubs.Dataset, model: ubs.Model) -> None:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        image, rendered = pool.apply(_image_and_rendering, (data.test[0], model))
+    assert np.array_equal(image, data.test[0].image)
+    assert np.array_equal(rendered, model.render(data.test[0].camera))
+
+
+def _image_and_rendering(view: ubs.View, model: ubs.Model) -> tuple[Any, Any]:
+    return view.image, model.render(view.camera)
+
+
+def test_synthetic_scenes(folder: Path, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"size": 40, "views": 8, "test_views": 2, "supersampling": 1}
+    data = ubs.synth("glossy", **options)
+    for mine, other in zip(data, ubs.Dataset.open(folder)):  # made by the executable
+        assert mine.camera == other.camera and np.array_equal(mine.image, other.image)
+    again = pickle.loads(pickle.dumps(data))
+    assert len(again) == 10 and np.array_equal(again.test[1].image, data.test[1].image)
+    files = Path(data._temporary.name)
+    assert files.exists()
+    del data, mine
+    gc.collect()
+    assert not files.exists()
+    wide = ubs.synth("orbit", **{**options, "size": (30, 20), "test_views": 0}, out=tmp_path / "orbit")
+    assert (tmp_path / "orbit" / "transforms_train.json").exists()
+    assert len(wide) == 8 and wide.train[0].image.shape == (20, 30, 3) and wide.train[7].camera.time == 1
+    with pytest.raises(ubs.UsageError, match="already exists: choose another folder, or pass overwrite"):
+        ubs.synth("orbit", **options, out=tmp_path / "orbit")
+    assert len(ubs.synth("glossy", **options, out=tmp_path / "orbit", overwrite=True)) == 10
+    for wrong in ({"scene": "mirror"}, {"size": 0}, {"size": (0, 9)}, {"size": 9000}, {"views": 0}, {"seed": -1},
+                  {"test_views": 2.5}, {"supersampling": 0}):
+        with pytest.raises(ubs.UsageError, match="synth"):
+            ubs.synth(**{**options, **wrong})
 
 
 def test_settings_take_numbers_of_numpy(folder: Path) -> None:
@@ -327,6 +446,23 @@ def test_arrays_are_opaque_and_join_far_data(folder: Path, data: ubs.Dataset, tm
     assert np.allclose(first, added)
 
 
+def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
+    view = data.test[0]
+    wide = view.image.astype(np.float32)  # was clamped to white
+    good = wide / 255
+    for call in (
+        lambda: ubs.metrics.psnr(np.full((8, 8, 3), 40.0), np.full((8, 8, 3), 200.0)),
+        lambda: ubs.metrics.psnr(view.image, wide),
+        lambda: ubs.metrics.ssim(good, -wide),
+        lambda: ubs.loss(model, view.camera, wide),
+        lambda: ubs.Dataset.from_arrays([wide], [view.camera.world_to_camera], (40, 40, 20, 20)),
+    ):
+        with pytest.raises(ubs.UsageError, match="give uint8, or floating point from 0 to 1"):
+            call()
+    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, as renders may need
+    assert set(dir(ubs.metrics)) >= {"psnr"} and ubs.metrics.__all__ == ["lpips", "measure", "psnr", "ssim"]
+
+
 def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
     view = data.test[0]
     wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped at 1
@@ -343,6 +479,81 @@ def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Mo
     with pytest.raises(ubs.UsageError, match="NUL"):
         model.save(f"{tmp_path}/a\0b.ply")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Model, folder: Path) -> None:
+    for call, what in (
+        (lambda: ubs.Renderer(model, iterations=5), "iterations has no effect on a renderer"),
+        (lambda: ubs.Renderer(model, kernel="gaussian"), "kernel has no effect on a renderer: the form is that of the"),
+        (lambda: ubs.Renderer(model, dim=3), "dim has no effect on a renderer"),
+        (lambda: ubs.Renderer(model, downscale=2), "downscale has no effect on a renderer"),
+        (lambda: ubs.Model.empty(6, 5, lr_xyz=0.1), "lr_xyz has no effect on a new model"),
+        (lambda: ubs.Dataset.open(folder, iterations=5), "iterations has no effect on data"),
+        (lambda: ubs.Dataset.open(folder, dim=5), "dim has no effect on data"),
+    ):
+        with pytest.raises(ubs.UsageError, match=what):
+            call()
+    camera = data.test[0].camera
+    white = ubs.Renderer(model, background=(1, 1, 1), eps2d=0.5, raster="cpu", math="exact", query_grad=False)
+    assert white.render(camera).rgb.mean() > model.render(camera).mean()
+    ubs.Dataset.open(folder, background=(1, 1, 1), downscale=2, image_cache_mb=9, test_every=4)
+    ubs.Model.empty(6, 5, kernel="gaussian", colour="sh2", conditioning="direct", near_plane=0.1)
+
+
+def test_cameras_that_ubs_does_not_have_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
+    camera = data.test[0].camera
+    k = np.array([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]])
+    four = np.vstack([camera.world_to_camera, (0, 0, 0, 1)])
+    assert ubs.Camera.from_matrix(four, k, 40, 40) == ubs.Camera.from_matrix(four[:3], (40, 40, 20, 20), 40, 40)
+    for row, column, value, what in ((0, 1, 3, "skew 3"), (1, 0, 3, "skew 3"), (2, 2, 2, "last row"), (2, 0, 1, "last")):
+        wrong = k.copy()
+        wrong[row, column] = value
+        for make in (
+            lambda: ubs.Camera.from_matrix(four, wrong, 40, 40),
+            lambda: ubs.Dataset.from_arrays([np.zeros((40, 40, 3))], four[None], wrong),
+        ):
+            with pytest.raises(ubs.UsageError, match=what):
+                make()
+    four[3, 3] = 2
+    with pytest.raises(ubs.UsageError, match="last row"):
+        model.render(ubs.Camera.from_matrix(four, k, 40, 40))
+    made = ubs.Dataset()
+    for time in (-0.1, 1.5):
+        with pytest.raises(ubs.UsageError, match="time = .* is outside of 0 to 1"):
+            made.add_view("train", camera.at(time))
+    with pytest.raises(ubs.UsageError, match="outside of 0 to 1"):
+        ubs.Dataset.from_arrays(np.zeros((3, 4, 4, 3)), [four[:3]] * 3, (4, 4, 2, 2), times=np.linspace(0, 2, 3))
+
+
+def test_test_views_are_chosen_by_index_or_boolean(data: ubs.Dataset) -> None:
+    images, poses = np.zeros((4, 8, 8, 3)), [np.eye(4)[:3]] * 4
+    for test in (np.array([False, False, True, True]), [False, False, True, True], [2, 3], np.array([3, 2])):
+        made = ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=test)
+        assert [view.name for view in made.test] == ["2", "3"] and len(made.train) == 2
+    with pytest.raises(ubs.UsageError, match="3 booleans for 4 views"):
+        ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=[True, False, True])
+
+
+def test_messages_speak_of_arguments(data: ubs.Dataset, model: ubs.Model, caplog: pytest.LogCaptureFixture) -> None:
+    with pytest.raises(ubs.DeviceError) as error:
+        ubs.train(data, device="H100")
+    assert "device 'H100' matches no device" in str(error.value) and "--" not in str(error.value)
+    with pytest.raises(ubs.UsageError) as error:
+        ubs.metrics.lpips(data.test[0].image, data.test[0].image)
+    assert "pass weights" in str(error.value) and "--" not in str(error.value)
+    caplog.set_level("INFO", "ubs")
+    ubs.Trainer(data, **{**SETTINGS, "dim": 4})
+    ubs.Trainer(data, dim="auto", iterations=5)
+    assert "use dim 3 for a static scene" in caplog.text and "--" not in caplog.text
+
+
+def test_files_of_unknown_formats_are_not_written(model: ubs.Model, tmp_path: Path) -> None:
+    for name in ("model.xyz", "model", "model.ply.bak"):
+        with pytest.raises(ubs.UsageError, match="no format has the extension"):
+            model.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+    model.save(tmp_path / "model.xyz", format="ubs")
+    assert len(ubs.Model.load(tmp_path / "model.xyz")) == len(model)
 
 
 def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, model: ubs.Model) -> None:

@@ -2,7 +2,7 @@
 """Universal Beta Splatting: train models of scenes from images, render them, and differentiate rendered images.
 
     import ubs
-    data = ubs.Dataset.open("scene")
+    data = ubs.synth("glossy")                       # or ubs.Dataset.open("scene")
     model = ubs.train(data, dim=6, iterations=7000)
     image = model.render(data.test[0].camera)        # numpy, (H, W, 3)
 
@@ -10,7 +10,7 @@ Runs on any device with OpenCL or CUDA, including CPUs. ubs.torch and ubs.jax mu
 
 from . import metrics
 from ._abi import version as _version
-from ._data import Camera, Dataset, View
+from ._data import Camera, Dataset, View, synth
 from ._device import Device, DeviceInfo, devices
 from ._errors import (
     BuildError,
@@ -55,6 +55,7 @@ __all__ = [
     "loss",
     "metrics",
     "settings",
+    "synth",
     "train",
     "vjp",
 ]

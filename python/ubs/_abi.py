@@ -76,6 +76,21 @@ class Camera(Struct):
     ]
 
 
+class Synthetic(Struct):
+    _fields_ = [
+        ("size", c_size_t),
+        ("scene", c_char_p),
+        ("width", c_int32),
+        ("height", c_int32),
+        ("train_views", c_int32),
+        ("test_views", c_int32),
+        ("val_views", c_int32),
+        ("supersampling", c_int32),
+        ("seed", c_uint64),
+        ("overwrite", c_int32),
+    ]
+
+
 class View(Struct):
     _fields_ = [
         ("size", c_size_t),
@@ -175,6 +190,8 @@ StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
 LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
 RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD = 1, 2, 4
+USE_DATA, USE_MODEL, USE_RENDERER = 0, 1, 2
+
 
 def _of(kind: str) -> Any:
     """Returns the type of an argument that is a handle of this kind. Any other object raises TypeError, because its
@@ -200,7 +217,9 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "settings_create": [_out],
     "settings_load": [_settings, c_char_p],
     "settings_set": [_settings, c_char_p, c_char_p],
+    "settings_check": [_settings, c_int],
     "settings_describe": [c_size_t, POINTER(c_char_p), POINTER(c_char_p)],
+    "data_synthesise": [POINTER(Synthetic), c_char_p],
     "data_open": [c_char_p, _settings, _out],
     "data_create": [_out],
     "data_add_view": [_data, c_char_p, c_char_p, POINTER(Camera), c_void_p, c_void_p],
@@ -210,6 +229,7 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "data_get_image": [_data, c_char_p, c_size_t, c_void_p, c_void_p],
     "model_create": [_settings, c_uint64, _out],
     "model_create_initial": [_data, _settings, _out],
+    "model_create_like": [_model, c_uint64, _out],
     "model_copy": [_model, _out],
     "model_load": [c_char_p, _out],
     "model_save": [_model, c_char_p, c_char_p, c_double],
@@ -227,6 +247,7 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "trainer_run": [_trainer, c_uint32, StepFunction, c_void_p],
     "trainer_get_status": [_trainer, POINTER(Step)],
     "trainer_get_model": [_trainer, _out],
+    "trainer_set_model": [_trainer, _model, c_void_p],
     "trainer_evaluate": [_trainer, POINTER(Metrics)],
     "trainer_save": [_trainer, c_char_p],
     "trainer_restore": [_trainer, c_char_p],
@@ -309,7 +330,7 @@ class Handle:
         call(maker, *arguments, ctypes.byref(self._as_parameter_))
 
     def __reduce_ex__(self, _protocol: Any) -> Any:
-        raise TypeError(f"a {type(self).__name__} cannot be pickled or copied so: the copy would free its handle again")
+        raise TypeError(f"a {type(self).__name__} cannot be pickled or copied")
 
     def __del__(self) -> None:
         if getattr(self, "_as_parameter_", None):

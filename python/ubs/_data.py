@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import tempfile
 from dataclasses import dataclass, field, replace
-from typing import Any, Sequence
+from typing import Any, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,15 @@ def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArr
     return array
 
 
+def check_range(array: npt.NDArray[Any], what: str) -> None:
+    """Raises UsageError if floating-point values have another range than 0 to 1, such as 0 to 255. Rendered images may
+    lie somewhat outside of it."""
+    if array.size and not (array.min() >= -1 and array.max() <= 2):
+        raise UsageError(
+            f"{what} has values from {array.min():.4g} to {array.max():.4g}: give uint8, or floating point from 0 to 1"
+        )
+
+
 def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> ByteArray:
     """Returns an image as uint8. uint8 values are kept; floating-point values from 0 to 1 are clamped and rounded."""
     array = np.asarray(image)
@@ -40,7 +50,8 @@ def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Byte
         if not np.issubdtype(array.dtype, np.floating):
             raise UsageError(f"{what} is of {array.dtype}: give uint8, or floating point from 0 to 1")
         if not np.isfinite(array).all():
-            raise UsageError(f"{what} holds values that are not finite")
+            raise UsageError(f"{what} has values that are not finite")
+        check_range(array, what)
         array = np.rint(np.clip(array, 0, 1) * 255).astype(np.uint8)
     return np.ascontiguousarray(array)
 
@@ -80,9 +91,14 @@ class Camera:
     def from_matrix(
         world_to_camera: npt.ArrayLike, intrinsics: npt.ArrayLike, width: int, height: int, time: float = 0.0
     ) -> Camera:
-        """Makes a camera. intrinsics: (3, 3), or (fx, fy, cx, cy)."""
+        """Makes a camera. world_to_camera: (3, 4), or (4, 4) with the last row 0 0 0 1. intrinsics: (fx, fy, cx, cy), or
+        the matrix (3, 3), without skew and with the last row 0 0 1. UsageError for other matrices."""
         k = np.asarray(intrinsics, dtype=np.float64)
         if k.shape == (3, 3):
+            if np.abs(k[0, 1]) > 1e-6 * np.abs(k[0, 0]) or k[1, 0] != 0:
+                raise UsageError(f"intrinsics have the skew {k[0, 1] or k[1, 0]:g}, which no camera of ubs has")
+            if not np.array_equal(k[2], (0, 0, 1)):
+                raise UsageError(f"the last row of the intrinsics is {k[2]}, not 0 0 1")
             k = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
         if k.shape != (4,):
             raise UsageError(f"intrinsics have the shape {k.shape}, not (3, 3) or (4,)")
@@ -96,6 +112,8 @@ class Camera:
     def to_c(self) -> _abi.Camera:
         matrix = np.ascontiguousarray(self.world_to_camera, dtype=np.float64)
         if matrix.shape == (4, 4):
+            if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+                raise UsageError(f"the last row of world_to_camera is {matrix[3]}, not 0 0 0 1")
             matrix = np.ascontiguousarray(matrix[:3])
         if matrix.shape != (3, 4):
             raise UsageError(f"world_to_camera has the shape {matrix.shape}, not (3, 4)")
@@ -165,19 +183,52 @@ class View:
 
 
 class Dataset(_abi.Handle):
-    """Views with cameras and images in the splits "train", "test" and "val". Created by open() or from_arrays()."""
+    """Views with cameras and images in the splits "train", "test" and "val". Created by open(), from_arrays() or
+    synth(). len() is the number of all views, and iteration goes through them in this order.
+
+    A copy of a data set, or one that was pickled, opens the same files again, and has copies of views and points that
+    were added."""
+
+    SPLITS = ("train", "test", "val")
+    _source: tuple[Any, ...] | None = None  # a function and its arguments that open the files again
+    _temporary: Any = None  # the folder of the files, if it disappears with the data set
+    _points: tuple[npt.ArrayLike, npt.ArrayLike | None] | None = None
 
     @classmethod
     def open(cls, path: os.PathLike[str] | str, **settings: Any) -> Dataset:
         """Opens a folder of any layout that ubs supports, or a packed file. `settings`: background, downscale, layout,
         test_every, frames and so on."""
         data = cls.__new__(cls)
-        _abi.Handle.__init__(data, "data", "data_open", _abi.path_bytes(path), Settings(settings))
+        given = Settings(settings, use=_abi.USE_DATA)
+        _abi.Handle.__init__(data, "data", "data_open", _abi.path_bytes(path), given)
+        data._source = (_open, os.path.abspath(path), settings)
+        data._opened = {split: len(data.views(split)) for split in cls.SPLITS}
         return data
 
     def __init__(self) -> None:
         """Creates a data set without views, to be filled with add_view()."""
         super().__init__("data", "data_create")
+        self._opened = dict.fromkeys(self.SPLITS, 0)
+
+    def __len__(self) -> int:
+        return sum(len(self.views(split)) for split in self.SPLITS)
+
+    def __iter__(self) -> Iterator[View]:
+        for split in self.SPLITS:
+            yield from self.views(split)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(views)} {split}" for split in self.SPLITS if (views := self.views(split)))
+        where = f" of {self._source[1]!r}" if self._source else ""
+        return f"<ubs.Dataset{where}: {counts or 'no'} views>"
+
+    def __reduce_ex__(self, _protocol: Any) -> Any:
+        added = [
+            (split, view.camera, view.image if view.has_image else None, view.mask if view.has_mask else None, view.name)
+            for split in self.SPLITS
+            for view in self.views(split)[self._opened[split] :]
+        ]
+        return _restored, (self._source, added, self._points)
 
     @classmethod
     def from_arrays(
@@ -197,7 +248,8 @@ class Dataset(_abi.Handle):
         images: V arrays of (H, W, 3), uint8 or floating point from 0 to 1, already composited on their background.
         world_to_camera: (V, 3, 4). intrinsics: (3, 3) or (fx, fy, cx, cy), or V of them. times: (V,), 0 to 1.
         masks: V arrays of (H, W), where 0 means that a pixel does not count. points: (P, 3) and colours: (P, 3) uint8,
-        for the initial model. test: indices of the views that are used for evaluation and not for training."""
+        for the initial model. test: the views that are used for evaluation and not for training, as indices or as V
+        booleans."""
         count = len(images)
         poses = np.asarray(world_to_camera, dtype=np.float64)
         if poses.ndim != 3 or poses.shape[0] != count:
@@ -209,11 +261,16 @@ class Dataset(_abi.Handle):
         moments = np.zeros(count) if times is None else np.asarray(times, dtype=np.float64)
         if moments.shape != (count,):
             raise UsageError(f"times has the shape {moments.shape}, not ({count},)")
+        held_out = np.asarray(test)
+        if held_out.dtype == bool:
+            if held_out.shape != (count,):
+                raise UsageError(f"test has {held_out.size} booleans for {count} views")
+            held_out = np.flatnonzero(held_out)
         if masks is not None and len(masks) != count:
             raise UsageError(f"there are {len(masks)} masks for {count} images")
         if colours is not None and points is None:
             raise UsageError("colours are those of points, and there are none")
-        for number in test:
+        for number in held_out:
             if number not in range(count):
                 raise UsageError(f"test: there is no view {number} of {count}")
         data = cls()
@@ -223,7 +280,7 @@ class Dataset(_abi.Handle):
             height, width = shape[:2]
             camera = Camera.from_matrix(poses[i], k if shared else k[i], width, height, float(moments[i]))
             data.add_view(
-                "test" if i in test else "train",
+                "test" if i in held_out else "train",
                 camera,
                 images[i],
                 mask=None if masks is None else masks[i],
@@ -268,6 +325,7 @@ class Dataset(_abi.Handle):
             raise UsageError(f"points has the shape {positions.shape}, not (P, 3)")
         rgb = None if colours is None else image_bytes(colours, positions.shape, "colours")
         _abi.call("data_set_points", self, len(positions), c_pointer(positions), c_pointer(rgb))
+        self._points = (positions, rgb)
 
     def views(self, split: str) -> list[View]:
         """Returns the views of a split; an empty list if there is no such split."""
@@ -291,3 +349,57 @@ class Dataset(_abi.Handle):
     def test(self) -> list[View]:
         """The test views."""
         return self.views("test")
+
+
+def _open(path: str, settings: dict[str, Any]) -> Dataset:
+    return Dataset.open(path, **settings)
+
+
+def _restored(source: tuple[Any, ...] | None, added: Sequence[tuple[Any, ...]], points: Any) -> Dataset:
+    data = source[0](*source[1:]) if source else Dataset()
+    for split, camera, image, mask, name in added:
+        data.add_view(split, camera, image, mask=mask, name=name)
+    if points:
+        data.set_points(*points)
+    return data
+
+
+def synth(
+    scene: str = "glossy",
+    *,
+    size: int | tuple[int, int] = 100,
+    views: int = 40,
+    test_views: int = 8,
+    val_views: int = 0,
+    supersampling: int = 3,
+    seed: int = 0,
+    out: os.PathLike[str] | str | None = None,
+    overwrite: bool = False,
+) -> Dataset:
+    """Makes a procedural scene with exact cameras, as `ubs synth` does, and opens it.
+
+    scene: "glossy" (static, with reflections), "orbit" (dynamic) or "cloud" (a volume). size: of the images in pixels,
+    or (width, height). supersampling: rays per pixel along each axis. out: a folder for the files; None: they are
+    temporary. overwrite: replace an earlier scene in `out`. Takes about a second for the default values."""
+    again = {"size": size, "views": views, "test_views": test_views, "val_views": val_views,
+             "supersampling": supersampling, "seed": seed}
+    counts = {"views": (views, 1), "test_views": (test_views, 0), "val_views": (val_views, 0)}
+    width, height = (size, size) if isinstance(size, int) else size
+    for name, (value, least) in {**counts, "width": (width, 1), "height": (height, 1), "seed": (seed, 0)}.items():
+        if not least <= value < 2**31:
+            raise UsageError(f"synth: {name} = {value} must be an integer from {least}")
+    temporary = tempfile.TemporaryDirectory(prefix="ubs-") if out is None else None
+    folder = temporary.name if temporary else os.fspath(out or "")
+    options = _abi.Synthetic(
+        scene=scene.encode(), width=width, height=height, train_views=views, test_views=test_views or -1,
+        val_views=val_views, supersampling=supersampling, seed=seed, overwrite=overwrite,
+    )
+    _abi.call("data_synthesise", ctypes.byref(options), _abi.path_bytes(folder))
+    data = Dataset.open(folder)
+    if temporary:
+        data._source, data._temporary = (_synth, scene, again), temporary
+    return data
+
+
+def _synth(scene: str, options: dict[str, Any]) -> Dataset:
+    return synth(scene, **options)

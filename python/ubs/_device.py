@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import Union
+from typing import Any, Union
 
 import numpy as np
 
@@ -74,7 +74,16 @@ class Device(_abi.Handle):
     take a device also accept such a request, and open the device once."""
 
     def __init__(self, request: Union[str, int] = "") -> None:
-        super().__init__("device", "device_open", request_text(request).encode())
+        self._request = request_text(request)
+        super().__init__("device", "device_open", self._request.encode())
+
+    def __repr__(self) -> str:
+        info = _abi.DeviceInfo()
+        _abi.call("device_get_info", self, ctypes.byref(info))
+        return f"<ubs.Device {_abi.text(info.name)!r} ({_abi.text(info.backend)})>"
+
+    def __reduce_ex__(self, _protocol: Any) -> Any:
+        return opened, (self._request,)
 
     @property
     def allocated_bytes(self) -> int:

@@ -1,39 +1,64 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Common code of ubs.torch and ubs.jax: a model whose values are replaced before each rendering."""
+"""Common code of ubs.torch and ubs.jax: a model whose values, and number of splats, are replaced before each
+rendering."""
 
 from __future__ import annotations
 
 import threading
-from typing import Sequence
+from typing import Any, Sequence
 
 from ._data import Camera, FloatArray, floats
-from ._device import DeviceLike
+from ._device import DeviceLike, opened
 from ._errors import UsageError
 from ._model import Image, Model, Renderer
 
 
 class Drawing:
-    def __init__(self, model: Model, device: DeviceLike, depth: bool) -> None:
+    """`settings`: those of Renderer."""
+
+    def __init__(self, model: Model, device: DeviceLike, depth: bool, settings: dict[str, Any] | None = None) -> None:
         self.model = model.copy()
+        self.device, self.depth, self.settings = opened(device), depth, settings or {}
+        self.names = list(self.model.parameters)
+        self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
+        self._make()
+
+    def _make(self) -> None:
         self.values = self.model.parameters
-        self.names = list(self.values)
-        self.depth = depth
-        self.renderer = Renderer(self.model, device, depth=depth, gradients=True)
+        self.renderer = Renderer(self.model, self.device, depth=self.depth, gradients=True, **self.settings)
         # Device in the terms of DLPack, if other packages can access its memory.
         self.place: tuple[int, int] | None = None
         try:
             self.place = self.renderer.array("parameters").__dlpack_device__()
         except UsageError:
             pass
-        self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
 
-    def check_shape(self, name: str, shape: Sequence[int]) -> None:
-        if tuple(shape) != self.values[name].shape:
-            raise UsageError(f"{name} has the shape {tuple(shape)}, not {self.values[name].shape}")
+    def __reduce__(self) -> Any:
+        return Drawing, (self.model, self.device, self.depth, self.settings)
+
+    def resize(self, shapes: Sequence[Sequence[int]]) -> None:
+        """Changes the number of splats to that of parameters with these shapes, which are in the order of names.
+        UsageError if the shapes do not fit together."""
+        splats = shapes[0][0] if len(shapes[0]) == 2 else -1
+        for name, shape in zip(self.names, shapes):
+            expected = (splats, self.values[name].shape[1])
+            if tuple(shape) != expected:
+                raise UsageError(f"{name} has the shape {tuple(shape)}, not {expected}, as {self.names[0]} has {splats} splats")
+        if splats == len(self.model):
+            return
+        if splats <= self.renderer.capacity:
+            self.model = self.model.like(splats)
+            self.values = self.model.parameters
+            self.renderer.update(self.model)
+        else:
+            self.model = self.model.like(splats * 5 // 4)
+            self._make()
+            self.resize(shapes)
 
     def put(self, arrays: Sequence[FloatArray]) -> None:
+        self.resize([array.shape for array in arrays])
         for name, array in zip(self.names, arrays):
-            self.values[name][...] = floats(array, self.values[name].shape, name)
+            self.values[name] = floats(array, self.values[name].shape, name)
         self.renderer.update(self.model)
 
     def draw(self, camera: Camera, arrays: Sequence[FloatArray]) -> Image:

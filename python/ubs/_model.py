@@ -5,17 +5,18 @@ from __future__ import annotations
 
 import ctypes
 import os
+import tempfile
 import threading
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Iterator, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _abi
-from ._data import Camera, Dataset, FloatArray, c_pointer, floats
+from ._data import Camera, Dataset, FloatArray, c_pointer, check_range, floats
 from ._device import Device, DeviceLike, opened
 from ._dlpack import DeviceArray
 from ._errors import UsageError
@@ -59,8 +60,33 @@ class Loss:
     ssim: float
 
 
+class Parameters(Mapping[str, FloatArray]):
+    """The raw parameters of a model by name. Assigning an array to a name writes its values into the model."""
+
+    def __init__(self, arrays: dict[str, FloatArray]) -> None:
+        self._arrays = arrays
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self._arrays[name]
+
+    def __setitem__(self, name: str, values: npt.ArrayLike) -> None:
+        if name not in self._arrays:
+            raise UsageError(f"the model has no parameters '{name}': there are {', '.join(self._arrays)}")
+        self._arrays[name][...] = floats(values, self._arrays[name].shape, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def __repr__(self) -> str:
+        return f"<ubs.Parameters: {', '.join(f'{name} {values.shape}' for name, values in self.items())}>"
+
+
 class Model(_abi.Handle):
-    """Splats in host memory. Created by load(), empty(), initial(), copy(), or by training."""
+    """Splats in host memory. Created by load(), empty(), initial(), copy(), or by training. len() is the number of
+    splats."""
 
     def __init__(self, maker: str, *arguments: Any) -> None:
         super().__init__("model", maker, *arguments)
@@ -75,7 +101,7 @@ class Model(_abi.Handle):
     @staticmethod
     def empty(dim: int, splats: int, **settings: Any) -> Model:
         """Returns a model whose raw parameters are all 0. `settings`: variant of the model, background, and so on."""
-        return Model("model_create", Settings({"dim": dim, **settings}), splats)
+        return Model("model_create", Settings({"dim": dim, **settings}, use=_abi.USE_MODEL), splats)
 
     @staticmethod
     def initial(data: Dataset, **settings: Any) -> Model:
@@ -86,11 +112,24 @@ class Model(_abi.Handle):
         """Returns another model with the same values."""
         return Model("model_copy", self)
 
+    def like(self, splats: int) -> Model:
+        """Returns a model of `splats` splats whose parameters are all 0, with everything else as in this model:
+        dimension, variant, offset, and the settings for rendering."""
+        return Model("model_create_like", self, splats)
+
     def __copy__(self) -> Model:
         return self.copy()
 
     def __deepcopy__(self, _memo: Any) -> Model:
         return self.copy()
+
+    def __reduce_ex__(self, _protocol: Any) -> Any:
+        with tempfile.TemporaryDirectory(prefix="ubs-") as folder:
+            self.save(Path(folder) / "model.ply")
+            return _model_of, ((Path(folder) / "model.ply").read_bytes(),)
+
+    def __repr__(self) -> str:
+        return f"<ubs.Model: {len(self)} splats, N = {self.dim}, form {self.form}>"
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
         """Saves the model. format: a name of `ubs convert --to`, for example "spz" or "3dgs". "ubs" saves everything;
@@ -121,7 +160,7 @@ class Model(_abi.Handle):
         return int(self._info().splats)
 
     @property
-    def parameters(self) -> dict[str, FloatArray]:
+    def parameters(self) -> Parameters:
         """Raw parameters by name, such as "xyz": arrays (splats, values per splat) that share memory with the model, so
         values written to them are rendered. If the model has splats of different dimensions, use groups."""
         groups = self.groups
@@ -130,10 +169,10 @@ class Model(_abi.Handle):
         return groups[0]
 
     @property
-    def groups(self) -> list[dict[str, FloatArray]]:
-        """Like parameters, one dictionary for the splats of each dimension."""
+    def groups(self) -> list[Parameters]:
+        """Like parameters, for the splats of each dimension."""
         self._handed_out = True
-        return self._values()
+        return [Parameters(group) for group in self._values()]
 
     def _values(self) -> list[dict[str, FloatArray]]:
         found: list[dict[str, FloatArray]] = []
@@ -185,9 +224,16 @@ class Model(_abi.Handle):
         return renderer.array("rgb").seen()
 
 
+def _model_of(file: bytes) -> Model:
+    with tempfile.TemporaryDirectory(prefix="ubs-") as folder:
+        (Path(folder) / "model.ply").write_bytes(file)
+        return Model.load(Path(folder) / "model.ply")
+
+
 class Renderer(_abi.Handle):
     """A model on a device. `settings` are those for rendering, such as background; the others are those that the model
-    states. `absgrad`: vjp() uses the absolute value of what each pixel contributes to the gradient of a splat's position
+    states. With `gradients` they include the path through the view direction to the positions of splats; the setting
+    query_grad=False leaves it out, as training does and publications do. `absgrad`: vjp() uses the absolute value of what each pixel contributes to the gradient of a splat's position
     in the image, for x and y separately, which is a criterion for densification; requires `gradients`."""
 
     def __init__(
@@ -201,6 +247,7 @@ class Renderer(_abi.Handle):
         **settings: Any,
     ) -> None:
         self.device: Device = opened(device)
+        self.capacity = len(model)  # update() takes at most as many splats
         self._depth = depth
         self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
         flags = (_abi.RENDER_DEPTH if depth else 0) | (_abi.RENDER_GRADIENTS if gradients else 0)
@@ -211,6 +258,7 @@ class Renderer(_abi.Handle):
             _abi.Handle.__init__(chosen, "settings", "model_get_settings", model)
             for key, value in settings.items():
                 chosen.set(key, value)
+            _abi.call("settings_check", chosen, _abi.USE_RENDERER)
         self._v_rgb = 0  # address of the last returned array
         self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
         self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
@@ -333,8 +381,8 @@ class Renderer(_abi.Handle):
 
     def camera_gradient(self) -> CameraGradient:
         """Returns the gradient with respect to the camera that belongs to the last call of vjp() or loss(). It includes
-        the effect of the view direction on the splats, even if the setting query_grad excludes that from the gradients
-        of the parameters. UsageError if the background is a sky."""
+        the effect of the view direction on the splats, whatever query_grad is. UsageError if the background is a
+        sky."""
         g = _abi.CameraGradient()
         _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
         return CameraGradient(
@@ -383,6 +431,7 @@ def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
         return array.astype(np.float32) / np.float32(255)
     if not np.issubdtype(array.dtype, np.floating):
         raise UsageError(f"an image is of {array.dtype}: give uint8, or floating point from 0 to 1")
+    check_range(array, "an image")
     return array
 
 
@@ -407,7 +456,9 @@ def vjp(
 ) -> dict[str, FloatArray]:
     """Vector-Jacobian product of rendering. Converts the gradient of a scalar with respect to the pixels, v_rgb (H, W,
     3), v_alpha (H, W) and v_depth (H, W), to its gradient with respect to every raw parameter, with the names and
-    shapes of model.parameters. Renderer.camera_gradient() returns the gradient with respect to the camera."""
+    shapes of model.parameters. The gradient is that of the rendered image: it includes the path through the view
+    direction, which training leaves out as published; Renderer(model, gradients=True, query_grad=False).vjp() does so
+    too. Renderer.camera_gradient() returns the gradient with respect to the camera."""
     renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
     return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
 

@@ -12,12 +12,18 @@ from . import _abi
 
 
 class Settings(_abi.Handle):
-    def __init__(self, values: Mapping[str, Any] | None = None, spec: str | None = None) -> None:
+    """`use`: what the settings are for (_abi.USE_...); settings that have no effect on it raise UsageError."""
+
+    def __init__(
+        self, values: Mapping[str, Any] | None = None, spec: str | None = None, use: int | None = None
+    ) -> None:
         super().__init__("settings", "settings_create")
         if spec is not None:
             _abi.call("settings_load", self, _abi.path_bytes(spec))
         for key, value in (values or {}).items():
             self.set(key, value)
+        if use is not None:
+            _abi.call("settings_check", self, use)
 
     def set(self, key: str, value: Any) -> None:
         _abi.call("settings_set", self, key.encode(), as_text(value).encode())

@@ -13,8 +13,11 @@ import threading
 from dataclasses import dataclass
 from typing import Any, Callable
 
+import numpy as np
+import numpy.typing as npt
+
 from . import _abi
-from ._data import Dataset
+from ._data import Dataset, c_pointer
 from ._device import DeviceLike, opened
 from ._errors import UsageError
 from ._model import Model
@@ -147,6 +150,20 @@ class Trainer(_abi.Handle):
     def model(self) -> Model:
         """A copy of the current model."""
         return Model("trainer_get_model", self)
+
+    def set_model(self, model: Model, source: npt.ArrayLike | None = None) -> None:
+        """Replaces the splats in training, for example to add or remove some between two calls of run(), and keeps
+        everything else: the iteration, cameras, appearance, background. `model`: of the same dimension and variant, with
+        at most as many splats as the larger of cap_max and the initial number. `source`: (splats,) integers, for each
+        splat the index of the current splat whose optimiser state it takes over, or -1 for a new state; None: all states
+        are new."""
+        taken = None
+        if source is not None:
+            taken = np.ascontiguousarray(source)
+            if not np.issubdtype(taken.dtype, np.integer) or taken.shape != (len(model),):
+                raise UsageError(f"source must be {len(model)} integers, not {taken.dtype} {taken.shape}")
+            taken = taken.astype(np.int64)
+        _abi.call("trainer_set_model", self, model, c_pointer(taken))
 
     def evaluate(self) -> Metrics:
         """Returns the mean metrics over the test views."""

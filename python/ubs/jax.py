@@ -26,15 +26,17 @@ Parameters = dict[str, Any]
 
 
 class Splats:
-    """A model of one dimension as functions of its raw parameters. With `depth`, images include depth."""
+    """A model of one dimension as functions of its raw parameters, whose number of splats may change from call to call.
+    With `depth`, images include depth. `settings`: those of ubs.Renderer."""
 
-    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
-        self._drawing = Drawing(model, device, depth)
+    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
+        self._drawing = Drawing(model, device, depth, settings)
+        self._initial = self._drawing.model.copy()
         self._depth = depth
 
     def parameters(self) -> Parameters:
         """Returns the parameters of the model that this object was created with."""
-        return {name: jnp.array(values) for name, values in self._drawing.values.items()}
+        return {name: jnp.array(values) for name, values in self._initial.parameters.items()}
 
     def _arrays(self, parameters: Parameters) -> list[FloatArray]:
         return [np.asarray(parameters[name]) for name in self._drawing.names]

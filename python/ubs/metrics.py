@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1 (other values are clamped)."""
+"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1. Values somewhat outside, as in rendered
+images, are clamped; UsageError if an image has another range, such as 0 to 255."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from ._errors import UsageError
 from ._model import as_float
 from ._training import Metrics, metrics_of
 
+__all__ = ["lpips", "measure", "psnr", "ssim"]
 _meters: dict[tuple[Device, str, str], _abi.Handle] = {}
 
 

@@ -6,6 +6,10 @@
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
+The same method as functions of tensors: render() takes raw parameters; condition() and condition_direct() turn splats of
+N dimensions into splats in space; rasterize() draws projected splats, so that projection and everything before it can be
+code of one's own.
+
 Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
 copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
 respect to the camera if it is passed as tensors. Second-order gradients are not supported. All splats of a model must
@@ -13,18 +17,24 @@ have the same dimension."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
-from typing import Any, Callable, Sequence, TypeVar, cast
+from typing import Any, Callable, Mapping, Sequence, TypeVar, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ._data import Camera, FloatArray
-from ._device import DeviceLike
+from ._device import DeviceLike, opened
 from ._drawing import Drawing
 from ._errors import NumericalError, UsageError
-from ._model import Model
+from ._model import CameraGradient, Model
+from ._raster import draw as _draw_ellipses
+from ._raster import extremes, is_finite
+from ._settings import as_text
 
+__all__ = ["Splats", "condition", "condition_direct", "rasterize", "render"]
 Result = TypeVar("Result")
 
 
@@ -59,8 +69,7 @@ def _wait(tensor: Tensor) -> None:
 
 
 def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
-    for name, tensor in zip(drawing.names, parameters):
-        drawing.check_shape(name, tensor.shape)  # copy_() would copy a single splat to all
+    drawing.resize([tensor.shape for tensor in parameters])
     if not _is_shared(drawing, parameters[0]):
         drawing.put([_array(tensor) for tensor in parameters])
         return
@@ -105,13 +114,57 @@ def _differentiate(
     return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
+MOST_STRETCH = 0.1  # of a pose's matrix; a larger one is probably not that of a pose
+
+
+def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if tuple(tensor.shape) not in shapes:
+        raise UsageError(f"{what} has the shape {tuple(tensor.shape)}, not {' or '.join(map(str, shapes))}")
+    values: np.ndarray[Any, np.dtype[np.float64]] = tensor.detach().double().cpu().numpy()
+    return values
+
+
+def _polar(matrix: Any) -> tuple[Any, Any]:
+    """Divides a matrix (3, 3) into a symmetric matrix S and the nearest rotation Q, S Q = matrix. A matrix that is a
+    rotation up to rounding, or far from one, is returned as it is."""
+    u, stretch, vt = np.linalg.svd(matrix)
+    error = np.abs(stretch - 1).max()
+    if not 1e-6 < error < MOST_STRETCH or np.linalg.det(u @ vt) < 0:
+        return np.eye(3), matrix
+    return u @ np.diag(stretch) @ u.T, u @ vt
+
+
 def _seen(camera: Camera, pose: Tensor | None, intrinsics: Tensor | None, time: Tensor | None) -> Camera:
     if pose is not None:
-        camera = replace(camera, world_to_camera=pose.detach().double().cpu().numpy())
+        matrix = _values(pose, "pose", (3, 4), (4, 4)).copy()
+        matrix[:3, :3] = _polar(matrix[:3, :3])[1]
+        camera = replace(camera, world_to_camera=matrix)
     if intrinsics is not None:
-        fx, fy, cx, cy = (float(v) for v in intrinsics.detach())
-        camera = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
-    return camera if time is None else camera.at(float(time.detach()))
+        k = _values(intrinsics, "intrinsics", (4,), (3, 3))
+        camera = replace(Camera.from_matrix(camera.world_to_camera, k, camera.width, camera.height, camera.time),
+                         extra=camera.extra)
+    return camera if time is None else camera.at(float(_values(time, "time", (), (1,)).reshape(())))
+
+
+def _v_pose(pose: Tensor, gradient: CameraGradient) -> Any:
+    """Returns the gradient with respect to the matrix of a pose. If the matrix is M = S Q with a rotation Q, which was
+    rendered, then dQ = [w] Q with (tr(S) - S) w = axial(dM Q^T - Q dM^T)."""
+    stretch, rotation = _polar(pose.detach().double().cpu().numpy()[:3, :3])
+    v = np.zeros(tuple(pose.shape))
+    v[:3] = gradient.world_to_camera
+    x = v[:3, :3] @ rotation.T
+    v_w = np.array([x[2, 1] - x[1, 2], x[0, 2] - x[2, 0], x[1, 0] - x[0, 1]])
+    if not np.array_equal(stretch, np.eye(3)):
+        a, b, c = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, v_w)
+        v[:3, :3] = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]]) @ rotation
+    return v
+
+
+def _v_intrinsics(intrinsics: Tensor, gradient: CameraGradient) -> Any:
+    if tuple(intrinsics.shape) == (4,):
+        return gradient.intrinsics
+    fx, fy, cx, cy = gradient.intrinsics
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 0]])
 
 
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
@@ -144,20 +197,22 @@ class _Render(torch.autograd.Function):
             found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
             camera = drawing.renderer.camera_gradient() if seen else None
         if camera is not None:
-            for k, values in enumerate((camera.world_to_camera, camera.intrinsics, camera.time)):
+            for k, of in enumerate((_v_pose, _v_intrinsics, lambda _, gradient: gradient.time)):
                 given = ctx.view[k]
                 if given is not None:
-                    view[k] = torch.as_tensor(values, dtype=given.dtype, device=given.device).reshape(given.shape)
+                    values = torch.as_tensor(of(given, camera), dtype=given.dtype, device=given.device)
+                    view[k] = values.reshape(given.shape)
         return (None, None, *view, *found)
 
 
 class Splats(torch.nn.Module):
     """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
-    in Model.parameters, such as `xyz`. With `depth`, images include depth."""
+    in Model.parameters, such as `xyz`. They may be replaced by parameters of another number of splats. With `depth`,
+    images include depth. `settings`: those of ubs.Renderer, such as background. The module can be copied and saved."""
 
-    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False) -> None:
+    def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()
-        self._drawing = Drawing(model, device, depth)
+        self._drawing = Drawing(model, device, depth, settings)
         for name, values in self._drawing.values.items():
             self.register_parameter(name, torch.nn.Parameter(torch.from_numpy(values.copy()).contiguous()))
 
@@ -174,9 +229,10 @@ class Splats(torch.nn.Module):
     ) -> tuple[Tensor, ...]:
         """Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if the module was created with it.
 
-        pose (3, 4), intrinsics (4,), which are fx, fy, cx, cy, and time replace those of the camera, and get gradients.
-        The gradient of the pose is correct for changes that keep its rotation a rotation, so compute the pose from
-        three or four numbers, for example with matrix_exp."""
+        pose (3, 4) or (4, 4), intrinsics (4,), which are fx, fy, cx, cy, or (3, 3), and time replace those of the
+        camera, and get gradients. If the matrix of the pose is not exactly a rotation, the nearest rotation is rendered
+        and differentiated, so that an optimiser can change the matrix itself. DataError if a singular value is not
+        between 0.9 and 1.1."""
         pictures: tuple[Tensor, ...] = _Render.apply(
             self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
@@ -187,3 +243,218 @@ class Splats(torch.nn.Module):
         with self._drawing.lock:
             self._drawing.put([_array(tensor) for tensor in self._tensors()])
             return self._drawing.model.copy()
+
+
+_KEPT = 4  # number of renderers that render() keeps
+_kept: dict[Any, Drawing] = {}
+_kept_lock = threading.Lock()
+
+
+def render(
+    parameters: Mapping[str, Tensor],
+    camera: Camera,
+    *,
+    dim: int = 6,
+    depth: bool = False,
+    pose: Tensor | None = None,
+    intrinsics: Tensor | None = None,
+    time: Tensor | None = None,
+    device: DeviceLike = None,
+    **settings: Any,
+) -> tuple[Tensor, ...]:
+    """Renders splats from their raw parameters. The number of splats may be another one in each call, 0 included.
+
+    parameters: float32 tensors (splats, values per splat) with the names and widths of ubs.Model.empty(dim, 1,
+    **settings).parameters; their activations are part of rendering (docs/method.md 1.1). settings: those of
+    ubs.Model.empty(), such as conditioning="direct", kernel="gaussian", colour="sh3", background=(1, 1, 1), and
+    query_grad=False, which leaves out gradients through the view direction. pose, intrinsics, time: see
+    Splats.forward().
+
+    Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if requested."""
+    given = dict(parameters)
+    of_renderer = {key: settings.pop(key) for key in ("query_grad", "raster", "math") if key in settings}
+    where = opened(device)
+    key = (where, dim, depth, *sorted((k, as_text(v)) for k, v in {**settings, **of_renderer}.items()))
+    with _kept_lock:
+        drawing = _kept.pop(key, None) or Drawing(Model.empty(dim, 1, **settings), where, depth, of_renderer)
+        _kept[key] = drawing  # the most recently used one is at the end
+        while len(_kept) > _KEPT:
+            _kept.pop(next(iter(_kept)))
+    if set(given) != set(drawing.names):
+        raise UsageError(f"the parameters are {', '.join(given)}: this form has {', '.join(drawing.names)}")
+    tensors = [given[name] for name in drawing.names]
+    if tensors[0].shape[:1] != (0,):
+        pictures: tuple[Tensor, ...] = _Render.apply(drawing, camera, pose, intrinsics, time, *tensors)
+        return pictures
+    size, none = (camera.height, camera.width), cast(Tensor, sum(tensor.sum() for tensor in tensors))
+    background = settings.get("background", (0, 0, 0))
+    rgb = none.new_tensor(background).expand(*size, 3) + none
+    return (rgb, *(none.expand(size).clone() for _ in range(2 if depth else 1)))
+
+
+def _check_tensor(name: str, tensor: Tensor, shape: tuple[int, ...], like: Tensor) -> None:
+    if not isinstance(tensor, Tensor) or tensor.dtype != like.dtype or tensor.device != like.device:
+        raise UsageError(f"{name} must be a tensor of {like.dtype} on {like.device}")
+    if tuple(tensor.shape) != shape:
+        raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {shape}")
+    if not is_finite(tensor):
+        raise NumericalError(f"{name} has values that are not finite")
+
+
+def rasterize(
+    means2d: Tensor,
+    covs2d: Tensor,
+    depths: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    betas: Tensor | None = None,
+    *,
+    width: int,
+    height: int,
+    background: Tensor | None = None,
+    device: DeviceLike = None,
+) -> tuple[Tensor, Tensor]:
+    """Rasterises n projected splats: sorts them by depth and composites them front to back (docs/method.md 2.6).
+
+    means2d (n, 2): centres in pixels; the centre of the first pixel is (0.5, 0.5). covs2d (n, 2, 2): positive definite,
+    in square pixels, with all blur that is wanted. depths (n,): the order; splats with a depth of 0 or less are not
+    drawn. colors (n, D), any number of channels. opacities (n,), 0 to 1.
+
+    betas (n,): positive exponents of Beta kernels; a splat is opacity * (1 - r)^beta where r < 1, with r = d^T covs2d^-1
+    d and d the distance to the centre. None: Gaussians, opacity * exp(-r / 2) where that is at least 1/255.
+
+    background (D,): the colour behind the splats; None: 0. Returns the image (height, width, D) and its alpha (height,
+    width). All float32 arguments but depths have gradients."""
+    if means2d.dtype != torch.float32 or means2d.dim() != 2:
+        raise UsageError(f"means2d must be float32 (n, 2), not {means2d.dtype} {tuple(means2d.shape)}")
+    n = len(means2d)
+    _check_tensor("means2d", means2d, (n, 2), means2d)
+    _check_tensor("covs2d", covs2d, (n, 2, 2), means2d)
+    _check_tensor("depths", depths, (n,), means2d)
+    _check_tensor("colors", colors, (n, colors.shape[-1]), means2d)
+    _check_tensor("opacities", opacities, (n,), means2d)
+    if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
+        raise UsageError(f"width and height are integers from 1, not {width} and {height}")
+    least, most = extremes(opacities)
+    if least < 0 or most > 1:
+        raise UsageError(f"opacities lie between {least:g} and {most:g}, not between 0 and 1")
+    if betas is not None:
+        _check_tensor("betas", betas, (n,), means2d)
+        if n > 0 and extremes(betas)[0] <= 0:
+            raise UsageError("betas must be positive")
+    a, c = covs2d[:, 0, 0], covs2d[:, 1, 1]
+    b = (covs2d[:, 0, 1] + covs2d[:, 1, 0]) / 2
+    determinant = a * c - b * b
+    if n > 0 and (extremes(a)[0] <= 0 or extremes(determinant)[0] <= 0):
+        raise UsageError("covs2d must be positive definite: add a blur, such as 0.3 on the diagonal")
+    l00 = a.sqrt()
+    factor = torch.stack([l00, b / l00, (determinant / a).sqrt()])
+    image, alpha = _draw_ellipses((width, height), device, None, means2d, factor, depths, colors, opacities, betas)
+    if background is not None:
+        _check_tensor("background", background, (colors.shape[-1],), means2d)
+        image = image + (1 - alpha)[..., None] * background
+    return image, alpha
+
+
+def _attenuation(y: Tensor, betas: Tensor | None) -> Tensor:
+    """Returns prod_i (1 - tanh(y_i^2))^beta_i (docs/method.md 2.4)."""
+    if betas is None:
+        return torch.ones_like(y[:, :0].sum(-1)) + 0 * y.sum(-1)
+    u = y * y
+    logarithm = torch.where(
+        u < 0.25,
+        torch.log1p(-torch.tanh(u.clamp_max(0.25))),
+        0.6931471805599453 - 2 * u - torch.log1p(torch.exp(-2 * u)),
+    ).clamp_min(-15.942385152878742)
+    return (betas * logarithm).sum(-1).exp()
+
+
+def _query(means: Tensor, query: Tensor, betas: Tensor | None) -> Tensor:
+    n, queries = len(means), means.shape[1] - 3
+    if means.dim() != 2 or queries < 0:
+        raise UsageError(f"means has the shape {tuple(means.shape)}, not (n, N) with N from 3")
+    if betas is not None:
+        _check_tensor("betas", betas, (n, queries), means)
+    if tuple(query.shape) not in ((queries,), (n, queries)):
+        raise UsageError(f"query has the shape {tuple(query.shape)}, not {(queries,)} or {(n, queries)}")
+    return query - means[:, 3:]
+
+
+def condition(
+    means: Tensor,
+    factor: Tensor,
+    betas: Tensor | None,
+    query: Tensor,
+    *,
+    weights: Tensor | None = None,
+    cov_mode: str = "upper",
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Slices splats of N dimensions at values of their query dimensions (docs/method.md 2.3, 2.4).
+
+    means (n, N): position, then the query dimensions. factor (n, N, N): L of the covariance L L^T, any matrix with
+    independent rows. betas (n, N - 3): exponents 4 exp(raw) of the query dimensions; None: opacities do not change.
+    query (N - 3,), or (n, N - 3), as with view directions. weights (n, N - 3) of the conditioning; None: min(betas / 4,
+    1), and 1 without betas. cov_mode: "upper" mirrors the upper triangle of a covariance that weights have made
+    asymmetric, as published, "whiten" keeps it positive.
+
+    Returns positions (n, 3), covariances (n, 3, 3), and what to multiply opacities by (n,). Works in the type of the
+    tensors and has gradients of any order."""
+    x = _query(means, query, betas)
+    n, queries = x.shape
+    _check_tensor("factor", factor, (n, queries + 3, queries + 3), means)
+    if cov_mode not in ("upper", "whiten"):
+        raise UsageError(f"cov_mode={cov_mode!r}: choose upper or whiten")
+    if weights is None:
+        weights = torch.ones_like(x) if betas is None else (betas / 4).clamp_max(1)
+    _check_tensor("weights", weights, (n, queries), means)
+    spatial = factor[:, :3]
+    covariance = spatial @ spatial.mT
+    if queries == 0:
+        return means, covariance, torch.ones_like(means[:, 0])
+    # Sigma_q = lower lower^T without forming Sigma_q, which would square its condition number.
+    basis, upper = torch.linalg.qr(factor[:, 3:].mT)
+    signs = torch.sign(torch.diagonal(upper, dim1=-2, dim2=-1))
+    basis, lower = basis * signs[:, None], (upper * signs[..., None]).mT
+    across = spatial @ basis  # Sigma_xq lower^-T
+
+    def whitened(v: Tensor) -> Tensor:
+        return torch.linalg.solve_triangular(lower, v, upper=False)
+
+    positions = means[:, :3] + (across @ whitened((weights * x)[..., None]))[..., 0]
+    if cov_mode == "whiten":
+        covariance = covariance - (across * weights[:, None]) @ across.mT
+    else:
+        sliced = covariance - across @ whitened(weights[..., None] * lower) @ across.mT
+        covariance = sliced.triu() + sliced.triu(1).mT
+    return positions, covariance, _attenuation(whitened(x[..., None])[..., 0], betas)
+
+
+def condition_direct(
+    means: Tensor,
+    factor: Tensor,
+    theta: Tensor,
+    scales: Tensor,
+    betas: Tensor | None,
+    query: Tensor,
+    *,
+    weights: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Slices splats with direct conditioning (docs/method.md 9).
+
+    means (n, N), betas, query and weights as in condition(). factor (n, N - 3, N - 3): L, lower triangular, of the
+    precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each of them moves a splat, in
+    units of its size. scales (n, 3): spatial scales. Covariances do not change.
+
+    Returns positions (n, 3), and what to multiply opacities by (n,)."""
+    x = _query(means, query, betas)
+    n, queries = x.shape
+    _check_tensor("factor", factor, (n, queries, queries), means)
+    _check_tensor("theta", theta, (n, 3, queries), means)
+    _check_tensor("scales", scales, (n, 3), means)
+    if weights is None:
+        weights = torch.ones_like(x) if betas is None else (betas / 4).clamp_max(1)
+    _check_tensor("weights", weights, (n, queries), means)
+    y = (factor.mT @ x[..., None])[..., 0]
+    z = (factor @ y[..., None])[..., 0]
+    moved = (theta @ (weights * z)[..., None])[..., 0]
+    return means[:, :3] + scales.mean(-1, keepdim=True) * moved, _attenuation(y, betas)

@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// float64_gradient N: a view of splats of N dimensions, a number of its pixels, and the number's gradients by
-// the oracle, as JSON for python/tests/test_torch.py.
+// float64_gradient N COLOUR: a view of splats of N dimensions with this form of colours, a number of its pixels,
+// and the number's gradients by the oracle, as JSON for python/tests/test_torch.py.
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "host/scene/settings.hpp"
+#include "host/scene/train_settings.hpp"
 #include "tests/support/view_number.hpp"
 
 int main(int argc, char** argv) {
-  if (argc != 2) return 2;
-  const auto [scene, weights] = ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45);
+  if (argc != 3) return 2;
+  ubs::TrainSettings settings;
+  ubs::set_field(ubs::bind_fields(settings, ubs::train_fields()), "colour", argv[2], "COLOUR");
+  const auto [scene, weights] =
+      ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45, settings.variant);
   const ubs::Camera& camera = scene.camera;
   nlohmann::json out{{"values", scene.model.values},
                      {"splats", scene.model.count},
@@ -26,7 +31,7 @@ int main(int argc, char** argv) {
       {weights.rgb, {}, {}}, {{}, weights.alpha, {}}, {{}, {}, weights.depth}, weights};
   const char* names[] = {"colours", "alpha", "depth", "all"};
   for (int k = 0; k < 4; ++k) {
-    const ubs::oracle::ViewGradients gradient = ubs::test::expected_gradient(scene, parts[k]);
+    const ubs::oracle::ViewGradients gradient = ubs::test::expected_gradient(scene, parts[k], true);
     out["gradients"][names[k]] = {{"parameters", gradient.values}, {"camera", gradient.camera}};
   }
   std::puts(out.dump().c_str());

@@ -19,15 +19,17 @@ struct Weights {
 };
 
 // Returns the gradient of sum(rgb * image) + sum(alpha * alpha of the image) + sum(depth * depth of the
-// image).
-inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const Weights& weights) {
+// image). With `query_grad` it includes the path through the view direction.
+inline oracle::ViewGradients expected_gradient(const oracle::Scene& scene, const Weights& weights,
+                                               bool query_grad = false) {
   const oracle::Model model = oracle::to_model(scene.model);
   const auto pixels = static_cast<std::size_t>(scene.camera.width * scene.camera.height);
   oracle::ViewGradients sum{std::vector<double>(model.values.size(), 0.0), {}};
   const auto add = [&](const std::vector<double>& colour, const std::vector<double>& depth,
                        std::array<double, 3> background, double sign) {
     const oracle::ViewGradients part = oracle::view_gradients(
-        model, scene.camera, colour, depth, {.background = background, .variant = scene.model.variant});
+        model, scene.camera, colour, depth,
+        {.background = background, .query_grad = query_grad, .variant = scene.model.variant});
     for (std::size_t i = 0; i < sum.values.size(); ++i) sum.values[i] += sign * part.values[i];
     for (std::size_t i = 0; i < sum.camera.size(); ++i) sum.camera[i] += sign * part.camera[i];
   };

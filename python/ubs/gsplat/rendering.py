@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
-from ._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
+from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Renders projected Gaussians, which are ellipses in an image, as a differentiable function of PyTorch.
+"""Renders projected splats, which are ellipses in an image, as a differentiable function of PyTorch.
 
 The renderer of the library needs splats in 3D space. So each ellipse is converted to a flat splat, parallel to the
-image plane of a pinhole camera at the origin. It is at the depth of the Gaussian, and its size is such that this camera
+image plane of a pinhole camera at the origin. It is at the depth of the ellipse, and its size is such that this camera
 sees the ellipse. The gradients of the ellipses are those of these splats times known factors."""
 
 from __future__ import annotations
@@ -16,15 +16,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .._data import Camera
-from .._device import Device, DeviceLike, opened
-from .._errors import NumericalError, UsageError
-from .._model import Model, Renderer
+from ._data import Camera
+from ._device import Device, DeviceLike, opened
+from ._errors import NumericalError, UsageError
+from ._model import Model, Renderer
 
 Result = TypeVar("Result")
 
-NAMES = ("xyz", "rgb", "opacity", "scale", "l_triangle")
-WIDTHS = (3, 3, 1, 3, 3)
+# Parameters of flat splats by kernel, and the number of values of each
+NAMES = {
+    "gaussian": ("xyz", "rgb", "opacity", "scale", "l_triangle"),
+    "beta": ("xyz", "rgb", "opacity", "beta", "scale", "l_triangle"),
+}
+WIDTHS = {"xyz": 3, "rgb": 3, "opacity": 1, "beta": 1, "scale": 3, "l_triangle": 3}
 # Thickness of a flat splat, relative to its larger half-axis. The kernels raise smaller values than UBS_NEEDLE_CHOLESKY
 # (kernels/limits.h) to that minimum; this value is slightly above it.
 THICKNESS = 4e-4
@@ -34,20 +38,20 @@ FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 class Slot:
     """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
-    lock while using it. With `absgrad`, the gradients of xyz sum absolute values."""
+    lock while using it. `kernel`: a key of NAMES. With `absgrad`, the gradients of xyz sum absolute values."""
 
-    def __init__(self, device: Device, room: int, absgrad: bool) -> None:
-        self.device, self.room, self.absgrad = device, room, absgrad
+    def __init__(self, device: Device, room: int, kernel: str, absgrad: bool) -> None:
+        self.device, self.room, self.kernel, self.absgrad = device, room, kernel, absgrad
         self.lock = threading.Lock()
         self.model = Model.empty(
-            dim=3, splats=room, kernel="gaussian", cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
+            dim=3, splats=room, kernel=kernel, cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
             background=(0, 0, 0),
         )
         self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad)
         values = self.model.parameters
-        if tuple(values) != NAMES:
-            raise UsageError(f"the library has the parameters {tuple(values)}, ubs.gsplat expects {NAMES}: update both")
-        self.host = [torch.from_numpy(values[name].T) for name in NAMES]
+        if tuple(values) != NAMES[kernel]:
+            raise UsageError(f"the library has the parameters {tuple(values)}, this package expects {NAMES[kernel]}")
+        self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
         try:
@@ -60,18 +64,22 @@ class Slot:
         tensor: Tensor = cast(Any, torch).from_dlpack(self.renderer.array(name, size=size))
         return tensor
 
-    def put(self, holder: object, values: dict[int, Tensor]) -> None:
-        """Copies rows (values per splat, splats) to the device; keys are positions in NAMES."""
+    def _split(self, rows: Tensor) -> dict[str, Tensor]:
+        names = NAMES[self.kernel]
+        return dict(zip(names, rows.split([WIDTHS[name] for name in names])))
+
+    def put(self, holder: object, values: dict[str, Tensor]) -> None:
+        """Copies rows (values per splat, splats) of these parameters to the device."""
         self.holds = None
-        parts = list(self._array("parameters").split(WIDTHS)) if self.shared else self.host
-        for k, value in values.items():
-            parts[k][:, : value.shape[1]].copy_(value)
-        if 0 in values:
-            count = values[0].shape[1]
-            parts[0][2, count : self.used] = BEHIND
+        parts = self._split(self._array("parameters")) if self.shared else self.host
+        for name, value in values.items():
+            parts[name][:, : value.shape[1]].copy_(value)
+        if "xyz" in values:
+            count = values["xyz"].shape[1]
+            parts["xyz"][2, count : self.used] = BEHIND
             self.used = count
         if self.shared:
-            _wait(parts[0], *values.values())
+            _wait(parts["xyz"], *values.values())
         else:
             self.renderer.update(self.model)
         self.holds = holder
@@ -88,8 +96,8 @@ class Slot:
         _wait(rgb, alpha)
         return rgb, alpha
 
-    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> list[Tensor]:
-        """Returns gradients of the used rows, in the order of NAMES. They are valid until the next call."""
+    def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
+        """Returns gradients of the used rows of each parameter. They are valid until the next call."""
         if self.shared and v_rgb is not None and v_alpha is None:
             array = self.renderer.array("v_rgb", size=(camera.height, camera.width))
             into = cast(Any, torch).from_dlpack(array)
@@ -103,8 +111,8 @@ class Slot:
             rows = self._array("gradient")[:, : self.used]
             if not is_finite(rows):
                 raise NumericalError("a gradient of the splats is not finite")
-            return list(rows.split(WIDTHS))
-        return [torch.from_numpy(found[0][name].T)[:, : self.used] for name in NAMES]
+            return self._split(rows)
+        return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in found[0].items()}
 
 
 def _wait(*tensors: Tensor) -> None:
@@ -117,12 +125,12 @@ _slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
-def slot_for(device: DeviceLike, count: int, absgrad: bool = False) -> Slot:
+def slot_for(device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: bool = False) -> Slot:
     """Returns a kept renderer whose capacity fits `count` splats and is not many times larger, or a new one with
     reserve."""
     where = opened(device)
     with _slots_lock:
-        alike = [s for s in _slots if s.device is where and s.absgrad == absgrad]
+        alike = [s for s in _slots if (s.device, s.kernel, s.absgrad) == (where, kernel, absgrad)]
         fitting = [s for s in alike if count <= s.room <= 4 * count + 4096]
         if fitting:
             slot = min(fitting, key=lambda s: s.room)
@@ -130,7 +138,7 @@ def slot_for(device: DeviceLike, count: int, absgrad: bool = False) -> Slot:
         else:
             # Remove renderers that have become too small for their scene.
             _slots[:] = [s for s in _slots if s not in alike or not count / 2 <= s.room < count]
-            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, absgrad)
+            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, kernel, absgrad)
         _slots.append(slot)
         del _slots[:-FREE_SLOTS]
     return slot
@@ -156,7 +164,13 @@ class Rows:
     """The parameters of the flat splats that represent ellipses, and the factors of their gradients."""
 
     def __init__(
-        self, size: tuple[int, int], means2d: Tensor, factor: Tensor, depths: Tensor, opacities: Tensor
+        self,
+        size: tuple[int, int],
+        means2d: Tensor,
+        factor: Tensor,
+        depths: Tensor,
+        opacities: Tensor,
+        betas: Tensor | None,
     ) -> None:
         width, height = size
         focal = float(max(size))
@@ -177,17 +191,19 @@ class Rows:
         self.scale = _scale_inverse((torch.stack([l00, l11, thin]) * self.unit).clamp_min(1e-30))
         self.triangle = torch.stack([l10 * self.unit, zero, zero])
         self.opacity = torch.logit(opacities.clamp(1e-8, 1 - 2.0**-24))[None]
+        self.betas = betas
 
-    def as_values(self) -> dict[int, Tensor]:
-        return {0: self.xyz, 2: self.opacity, 3: self.scale, 4: self.triangle}
+    def as_values(self) -> dict[str, Tensor]:
+        values = {"xyz": self.xyz, "opacity": self.opacity, "scale": self.scale, "l_triangle": self.triangle}
+        return values if self.betas is None else {**values, "beta": torch.log(self.betas / 4)[None]}
 
-    def gradients(self, v: list[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """Returns the gradients with respect to means2d, factor and opacities."""
-        v_xyz, _, v_opacity, v_scale, v_triangle = v
-        v_scale = v_scale[:2] / torch.sigmoid(self.scale[:2]) * self.unit
-        v_factor = torch.stack([v_scale[0], v_triangle[0] * self.unit, v_scale[1]])
+    def gradients(self, v: dict[str, Tensor]) -> list[Tensor]:
+        """Returns the gradients with respect to means2d, factor and opacities, and betas if there are any."""
+        v_scale = v["scale"][:2] / torch.sigmoid(self.scale[:2]) * self.unit
+        v_factor = torch.stack([v_scale[0], v["l_triangle"][0] * self.unit, v_scale[1]])
         slope = torch.sigmoid(self.opacity) * torch.sigmoid(-self.opacity)
-        return (v_xyz[:2] * self.unit).T, v_factor, (v_opacity / slope)[0]
+        found = [(v["xyz"][:2] * self.unit).T, v_factor, (v["opacity"] / slope)[0]]
+        return found if self.betas is None else [*found, v["beta"][0] / self.betas]
 
 
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
@@ -247,32 +263,32 @@ class AbsGrad:
 
 class Draw(torch.autograd.Function):
     """Inputs: (width, height), a device of ubs, an AbsGrad or None, means2d (n, 2), factor (3, n), depths (n,), colors
-    (n, D), opacities (n,). Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a
+    (n, D), opacities (n,), betas (n,) or None. Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a
     time."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
         size: tuple[int, int] = inputs[0]
         device: DeviceLike = inputs[1]
-        means2d, factor, depths, colors, opacities = inputs[3:]
+        means2d, factor, depths, colors, opacities, betas = inputs[3:]
         where, (width, height) = means2d.device, size
-        ctx.save_for_backward(means2d, factor, depths, colors, opacities)
+        ctx.save_for_backward(means2d, factor, depths, colors, opacities, betas)
         ctx.set_materialize_grads(False)
         ctx.size, ctx.slot, ctx.absgrad = size, None, inputs[2]
         count, channels = colors.shape
         if count == 0:
             return colors.new_zeros((height, width, channels)), colors.new_zeros((height, width))
-        rows = Rows(size, means2d, factor, depths, opacities)
+        rows = Rows(size, means2d, factor, depths, opacities, betas)
         for name, tensor in (("centre", rows.xyz), ("ellipse", rows.scale), ("ellipse", rows.triangle), ("colour", colors)):
             if not is_finite(tensor):
                 raise NumericalError(f"the projected {name} of a splat is not finite: its parameters are too large")
         ctx.camera = _camera(size)
-        ctx.slot = slot_for(device, count)
+        ctx.slot = slot_for(device, count, "gaussian" if betas is None else "beta")
         ctx.holder = object()
         images = []
         with ctx.slot.lock:
             for first in range(0, max(channels, 1), 3):
-                values = {1: _three(colors, first, depths)}
+                values = {"rgb": _three(colors, first, depths)}
                 ctx.slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
                 rgb, alpha = ctx.slot.draw(ctx.camera, where)
                 images.append(rgb)
@@ -282,37 +298,39 @@ class Draw(torch.autograd.Function):
     @staticmethod
     @_first_order
     def backward(ctx: Any, v_image: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
-        means2d, factor, depths, colors, opacities = ctx.saved_tensors
+        means2d, factor, depths, colors, opacities, betas = ctx.saved_tensors
         v_colors = torch.zeros_like(colors)
-        total: list[Tensor] = [torch.zeros_like(t) for t in (means2d, factor, opacities)]
+        total: list[Tensor] = [torch.zeros_like(t) for t in (means2d, factor, opacities, betas) if t is not None]
         sums = torch.zeros_like(means2d)
         if ctx.slot is not None and (v_image is not None or v_alpha is not None):
             where, slot, channels = means2d.device, ctx.slot, colors.shape[1]
-            rows = Rows(ctx.size, means2d, factor, depths, opacities)
+            rows = Rows(ctx.size, means2d, factor, depths, opacities, betas)
             passes = range(0, max(channels, 1), 3) if v_image is not None else range(1)
             with slot.lock:
                 for first in reversed(passes):  # starts with the last rendered channels, which are still on the device
                     if slot.holds is None or slot.holds != (ctx.holder, first):
                         mine = slot.holds is not None and slot.holds[0] is ctx.holder
-                        values = {1: _three(colors, first, depths)}
+                        values = {"rgb": _three(colors, first, depths)}
                         slot.put((ctx.holder, first), values if mine else {**rows.as_values(), **values})
                     v_rgb = None if v_image is None else _padded(v_image[..., first : first + 3])
-                    v = [t.to(where) for t in slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)]
+                    v = slot.differentiate(ctx.camera, v_rgb, v_alpha if first == 0 else None)
+                    v = {name: tensor.to(where) for name, tensor in v.items()}
                     width = min(3, channels - first)
-                    v_colors[:, first : first + width] = v[1][:width].T
+                    v_colors[:, first : first + width] = v["rgb"][:width].T
                     total = [a + b for a, b in zip(total, rows.gradients(v))]
                     _wait(*total)
             if ctx.absgrad is not None:
-                slot = slot_for(slot.device, len(means2d), absgrad=True)
+                slot = slot_for(slot.device, len(means2d), slot.kernel, absgrad=True)
                 with slot.lock:
                     for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
-                        values = {1: _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
+                        values = {"rgb": _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
                         slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
                         v = slot.differentiate(ctx.camera, None if v_part is None else _padded(v_part), v_weight)
-                        sums = sums + rows.gradients([t.to(where) for t in v])[0]
+                        sums = sums + rows.gradients({name: tensor.to(where) for name, tensor in v.items()})[0]
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)
-        return (None, None, None, total[0], total[1], None, v_colors, total[2])
+        v_betas = None if betas is None else total[3]
+        return (None, None, None, total[0], total[1], None, v_colors, total[2], v_betas)
 
 
 def _camera(size: tuple[int, int]) -> Camera:
@@ -341,10 +359,12 @@ def draw(
     depths: Tensor,
     colors: Tensor,
     opacities: Tensor,
+    betas: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Renders ellipses. Returns an image (H, W, D) without a background, and its alpha (H, W).
 
     means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
-    which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1."""
-    image, alpha = Draw.apply(size, device, absgrad, means2d, factor, depths, colors, opacities)
+    which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1. betas
+    (n,): exponents of Beta kernels; None: Gaussians."""
+    image, alpha = Draw.apply(size, device, absgrad, means2d, factor, depths, colors, opacities, betas)
     return image, alpha
