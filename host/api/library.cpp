@@ -22,19 +22,16 @@ thread_local char message[1024] = "";
 std::string in_library_terms(std::string_view text) {
   std::string result;
   for (std::size_t at = 0; at < text.size();) {
-    const std::size_t start = text.find("--", at);
-    result += text.substr(at, start - at);
-    if (start == std::string_view::npos) break;
+    const std::size_t start = std::min(text.find("--", at), text.size());
     const std::size_t end =
-        std::min(text.find_first_not_of("abcdefghijklmnopqrstuvwxyz-", start + 2), text.size());
-    std::string key(text.substr(start + 2, end - start - 2));
+        std::min(text.find_first_not_of("abcdefghijklmnopqrstuvwxyz-", start), text.size());
+    const std::string option(text.substr(start, end - start));
+    std::string key = option.substr(std::min<std::size_t>(2, option.size()));
     std::ranges::replace(key, '-', '_');
     const bool known = key == "device" || key == "overwrite" ||
                        std::ranges::any_of(train_fields(), [&](const auto& f) { return f.key == key; });
-    if (key == "lpips_weights")
-      result += "weights";
-    else
-      result += known ? key : std::string(text.substr(start, end - start));
+    result += text.substr(at, start - at);
+    result += known ? key : option;
     at = end;
   }
   return result;

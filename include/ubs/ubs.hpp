@@ -231,8 +231,8 @@ class Model {
   }
   // Returns a model of `splats` splats whose parameters are all 0, with everything else as in this model.
   Model like(std::uint64_t splats) const {
-    return Model(detail::made<ubs_model>(
-        [&](ubs_model** m) { return ubs_model_create_like(get(), splats, m); }));
+    return Model(
+        detail::made<ubs_model>([&](ubs_model** m) { return ubs_model_create_like(get(), splats, m); }));
   }
   void save(const std::string& path, const std::string& format = "ubs", double time = 0) const {
     check(ubs_model_save(get(), path.c_str(), format.c_str(), time));

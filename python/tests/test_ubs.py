@@ -496,7 +496,7 @@ def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Mode
     camera = data.test[0].camera
     white = ubs.Renderer(model, background=(1, 1, 1), eps2d=0.5, raster="cpu", math="exact", query_grad=False)
     assert white.render(camera).rgb.mean() > model.render(camera).mean()
-    ubs.Dataset.open(folder, background=(1, 1, 1), downscale=2, image_cache_mb=9, test_every=4)
+    ubs.Dataset.open(folder, background=(1, 1, 1), downscale=2, image_cache_mb=9)
     ubs.Model.empty(6, 5, kernel="gaussian", colour="sh2", conditioning="direct", near_plane=0.1)
 
 
@@ -534,13 +534,17 @@ def test_test_views_are_chosen_by_index_or_boolean(data: ubs.Dataset) -> None:
         ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=[True, False, True])
 
 
-def test_messages_speak_of_arguments(data: ubs.Dataset, model: ubs.Model, caplog: pytest.LogCaptureFixture) -> None:
+def test_messages_speak_of_arguments(
+    data: ubs.Dataset, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("UBS_LPIPS_WEIGHTS", raising=False)
+    monkeypatch.setattr(ubs.metrics, "_meters", {})
     with pytest.raises(ubs.DeviceError) as error:
         ubs.train(data, device="H100")
     assert "device 'H100' matches no device" in str(error.value) and "--" not in str(error.value)
     with pytest.raises(ubs.UsageError) as error:
         ubs.metrics.lpips(data.test[0].image, data.test[0].image)
-    assert "pass weights" in str(error.value) and "--" not in str(error.value)
+    assert "weights" in str(error.value) and "--" not in str(error.value)
     caplog.set_level("INFO", "ubs")
     ubs.Trainer(data, **{**SETTINGS, "dim": 4})
     ubs.Trainer(data, dim="auto", iterations=5)

@@ -7,7 +7,7 @@ import ctypes
 import os
 import tempfile
 from dataclasses import dataclass, field, replace
-from typing import Any, Iterator, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -190,7 +190,8 @@ class Dataset(_abi.Handle):
     were added."""
 
     SPLITS = ("train", "test", "val")
-    _source: tuple[Any, ...] | None = None  # a function and its arguments that open the files again
+    # A function that opens the files again, and its arguments
+    _source: tuple[Callable[[str, dict[str, Any]], Dataset], str, dict[str, Any]] | None = None
     _temporary: Any = None  # the folder of the files, if it disappears with the data set
     _points: tuple[npt.ArrayLike, npt.ArrayLike | None] | None = None
 
@@ -355,8 +356,12 @@ def _open(path: str, settings: dict[str, Any]) -> Dataset:
     return Dataset.open(path, **settings)
 
 
-def _restored(source: tuple[Any, ...] | None, added: Sequence[tuple[Any, ...]], points: Any) -> Dataset:
-    data = source[0](*source[1:]) if source else Dataset()
+def _restored(
+    source: tuple[Callable[[str, dict[str, Any]], Dataset], str, dict[str, Any]] | None,
+    added: Sequence[tuple[Any, ...]],
+    points: Any,
+) -> Dataset:
+    data = source[0](source[1], source[2]) if source else Dataset()
     for split, camera, image, mask, name in added:
         data.add_view(split, camera, image, mask=mask, name=name)
     if points:
@@ -383,10 +388,12 @@ def synth(
     temporary. overwrite: replace an earlier scene in `out`. Takes about a second for the default values."""
     again = {"size": size, "views": views, "test_views": test_views, "val_views": val_views,
              "supersampling": supersampling, "seed": seed}
-    counts = {"views": (views, 1), "test_views": (test_views, 0), "val_views": (val_views, 0)}
     width, height = (size, size) if isinstance(size, int) else size
-    for name, (value, least) in {**counts, "width": (width, 1), "height": (height, 1), "seed": (seed, 0)}.items():
-        if not least <= value < 2**31:
+    # name, value, least value
+    integers = [("views", views, 1), ("test_views", test_views, 0), ("val_views", val_views, 0), ("width", width, 1),
+                ("height", height, 1), ("supersampling", supersampling, 1), ("seed", seed, 0)]
+    for name, value, least in integers:
+        if not isinstance(value, (int, np.integer)) or not least <= value < 2**31:
             raise UsageError(f"synth: {name} = {value} must be an integer from {least}")
     temporary = tempfile.TemporaryDirectory(prefix="ubs-") if out is None else None
     folder = temporary.name if temporary else os.fspath(out or "")

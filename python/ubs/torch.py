@@ -167,6 +167,10 @@ def _v_intrinsics(intrinsics: Tensor, gradient: CameraGradient) -> Any:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 0]])
 
 
+def _v_time(_time: Tensor, gradient: CameraGradient) -> Any:
+    return gradient.time
+
+
 def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
     """torch's once_differentiable, which has no type annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
@@ -197,7 +201,7 @@ class _Render(torch.autograd.Function):
             found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
             camera = drawing.renderer.camera_gradient() if seen else None
         if camera is not None:
-            for k, of in enumerate((_v_pose, _v_intrinsics, lambda _, gradient: gradient.time)):
+            for k, of in enumerate((_v_pose, _v_intrinsics, _v_time)):
                 given = ctx.view[k]
                 if given is not None:
                     values = torch.as_tensor(of(given, camera), dtype=given.dtype, device=given.device)

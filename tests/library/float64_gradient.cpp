@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// float64_gradient N COLOUR: a view of splats of N dimensions with this form of colours, a number of its pixels,
-// and the number's gradients by the oracle, as JSON for python/tests/test_torch.py.
+// float64_gradient N COLOUR: a view of splats of N dimensions with this form of colours, a number of its
+// pixels, and the number's gradients by the oracle, as JSON for python/tests/test_torch.py.
 #include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -13,8 +13,7 @@ int main(int argc, char** argv) {
   if (argc != 3) return 2;
   ubs::TrainSettings settings;
   ubs::set_field(ubs::bind_fields(settings, ubs::train_fields()), "colour", argv[2], "COLOUR");
-  const auto [scene, weights] =
-      ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45, settings.variant);
+  const auto [scene, weights] = ubs::test::differentiable_view(std::atoi(argv[1]), 61, 45, settings.variant);
   const ubs::Camera& camera = scene.camera;
   nlohmann::json out{{"values", scene.model.values},
                      {"splats", scene.model.count},

@@ -276,7 +276,8 @@ TEST_CASE("data of arrays are those of the folder, and gradients and pictures th
     CHECK(norm(values) > 0);
   }
 
-  output_of(UBS_LAB_EXECUTABLE + (" gradients --view 1 --out " + (out / "gradient.ply") + common + " 2>&1"));
+  output_of(UBS_LAB_EXECUTABLE +
+            (" gradients --view 1 --set query_grad=true --out " + (out / "gradient.ply") + common + " 2>&1"));
   std::vector<float> target;
   for (const std::uint8_t v : opened.image("test", 1)) target.push_back(static_cast<float>(v) / 255.0f);
   const ubs::Model gradient(model);
@@ -590,6 +591,43 @@ TEST_CASE("errors name what is wrong") {
   ubs_model* none = reinterpret_cast<ubs_model*>(1);
   CHECK(ubs_model_load("no-such.ply", &none) == UBS_ERROR_DATA);
   CHECK(none == nullptr);
+}
+
+TEST_CASE("settings without effect, scenes, splats that are replaced") {
+  const ubs::Settings set = ubs::Settings().set("background", "1,1,1").set("eps2d", "0.5");
+  set.check_effect(UBS_USE_RENDERER);
+  set.check_effect(UBS_USE_MODEL);
+  check_error(UBS_ERROR_USAGE, "eps2d has no effect on data", [&] { set.check_effect(UBS_USE_DATA); });
+  check_error(UBS_ERROR_USAGE, "use 3 is unknown", [&] { set.check_effect(static_cast<ubs_use>(3)); });
+  const Folder out;
+  ubs::Data::synthesise({.scene = "glossy", .width = 20, .height = 16, .train_views = 5, .test_views = -1},
+                        out / "scene");
+  const ubs::Data data(out / "scene");
+  CHECK(data.view_count("train") == 5);
+  CHECK(data.view_count("test") == 0);
+  CHECK(data.view("train", 4).camera.height == 16);
+  check_error(UBS_ERROR_USAGE, "scene.scene is NULL", [&] { ubs::Data::synthesise({}, out / "none"); });
+  check_error(UBS_ERROR_USAGE, "pass overwrite",
+              [&] { ubs::Data::synthesise({.scene = "orbit"}, out / "scene"); });
+  ubs::Device device;
+  ubs::Trainer trainer(device, data, settings());
+  trainer.run({}, 10);
+  const ubs::Model before = trainer.model();
+  const std::size_t splats = before.parameter("xyz").splats;
+  ubs::Model half = before.like(splats / 2);
+  std::vector<std::int64_t> from;
+  for (std::size_t i = 0; i < splats / 2; ++i) from.push_back(static_cast<std::int64_t>(2 * i));
+  for (const ubs::Parameter& p : half.parameters())
+    for (std::size_t r = 0; r < p.rows; ++r)
+      for (std::size_t i = 0; i < p.splats; ++i) p.row(r)[i] = before.parameter(p.name).row(r)[2 * i];
+  trainer.set_model(half, from);
+  CHECK(trainer.status().iteration == 10);
+  CHECK(trainer.status().splats == splats / 2);
+  trainer.run({}, 5);
+  from[3] = static_cast<std::int64_t>(splats);
+  check_error(UBS_ERROR_USAGE, "from[3] = ", [&] { trainer.set_model(half, from); });
+  check_error(UBS_ERROR_USAGE, "room for 400", [&] { trainer.set_model(before.like(401)); });
+  check_error(UBS_ERROR_USAGE, "1 to 100000000 splats", [&] { before.like(0); });
 }
 
 TEST_CASE("every setting can be read and set to what it is") {
