@@ -8,7 +8,7 @@ their CUDA kernels: condition() slices the splats, rasterize() draws them.
 
 CHECKOUT is a folder with github.com/RongLiu-Leo/universal-beta-splatting; nothing of it is part of this project. The other
 arguments are those of train.py, whose evaluation at its end is left to `ubs eval`. It needs scikit-learn, plyfile,
-imagesize, scipy, torchvision and tqdm, but not fused_ssim, viser, nerfview, lpips and CUDA. UBS_DEVICE selects the device
+imagesize, scipy and tqdm, but not fused_ssim, viser, nerfview, lpips, torchvision and CUDA. UBS_DEVICE selects the device
 that draws."""
 
 from __future__ import annotations
@@ -93,8 +93,9 @@ def main() -> None:
         shutil.copytree(sys.argv[1], place, ignore=shutil.ignore_patterns("submodules", ".git"))
         for file in place.rglob("*.py"):
             text = file.read_text()
-            for gpu, cpu in ((".cuda()", ""), ('"cuda:0"', '"cpu"'), ('"cuda"', '"cpu"')):
-                text = text.replace(gpu, cpu)
+            # int32: indices of tensors are int64 in older versions of PyTorch
+            for old, new in ((".cuda()", ""), ('"cuda:0"', '"cpu"'), ('"cuda"', '"cpu"'), ("torch.int32", "torch.int64")):
+                text = text.replace(old, new)
             if file.name == "train.py":
                 text = text.replace("if args.eval:", "if False:")  # it needs 30 000 iterations and LPIPS
             file.write_text(text)
@@ -113,6 +114,8 @@ def main() -> None:
         provide("fused_ssim", fused_ssim=ssim)
         provide("viser", ViserServer=Anything)
         provide("nerfview", Viewer=Anything, RenderTabState=Anything)
+        provide("torchvision", datasets=None)
+        provide("torchvision.utils", save_image=None)
         provide("lpipsPyTorch", lpips=lambda *_, **__: torch.zeros(()))
         torch.cuda.Event = Anything  # type: ignore[assignment, misc]
         torch.cuda.set_device = lambda *_: None  # type: ignore[assignment]

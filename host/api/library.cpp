@@ -15,8 +15,6 @@ namespace {
 
 thread_local char message[1024] = "";
 
-}  // namespace
-
 // Replaces names of options of the executable by those of settings and arguments: "--test-every" by
 // "test_every".
 std::string in_library_terms(std::string_view text) {
@@ -36,6 +34,8 @@ std::string in_library_terms(std::string_view text) {
   }
   return result;
 }
+
+}  // namespace
 
 void remember_error(const char* text) noexcept {
   try {

@@ -115,6 +115,12 @@ void not_while_running(const ubs_trainer& t) {
   if (t.running) fail(ErrorKind::usage, "the trainer is running: its step callback may only read it");
 }
 
+void need_whole_state(const ubs_trainer& t, const char* action) {
+  if (!t.trainer->state_is_whole())
+    fail(ErrorKind::usage, "cannot {}: an error has stopped the trainer in the middle of an iteration",
+         action);
+}
+
 struct Running {
   explicit Running(bool& flag) : flag_(flag) { flag_ = true; }
   ~Running() { flag_ = false; }
@@ -215,6 +221,7 @@ ubs_status ubs_trainer_set_model(ubs_trainer* trainer, const ubs_model* model, c
     const LoadedModel& loaded = given(model, "model").loaded;
     const std::lock_guard lock(t.open->mutex);
     not_while_running(t);
+    need_whole_state(t, "replace the splats");
     SplatModel next = as_first(loaded, t.about.offset, t.settings);
     check_room(t, next.count, "the new model");
     TrainState state = t.trainer->state();
@@ -252,9 +259,7 @@ ubs_status ubs_trainer_save(const ubs_trainer* trainer, const char* path) {
   return guarded([&] {
     const ubs_trainer& t = given(trainer, "trainer");
     const std::lock_guard lock(t.open->mutex);
-    if (!t.trainer->state_is_whole())
-      fail(ErrorKind::usage,
-           "cannot save the state: an error has stopped the trainer in the middle of an iteration");
+    need_whole_state(t, "save the state");
     Checkpoint checkpoint = t.identity;
     checkpoint.state = t.trainer->state();
     write_checkpoint(&given(path, "path"), checkpoint);

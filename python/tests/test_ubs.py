@@ -704,6 +704,19 @@ def test_a_device_is_named_by_its_index(data: ubs.Dataset, model: ubs.Model) -> 
             model.render(camera, device=wrong)
 
 
+def test_growth_is_that_of_the_documentation(data: ubs.Dataset) -> None:
+    few = {"dim": 3, "iterations": 200, "init_points": 500, "init_extent": 1.3}
+    assert 11_000 < len(ubs.train(data, **few)) < 13_000
+    assert len(ubs.train(data, **few, cap_max=700)) == 700
+    assert len(ubs.train(data, **few, refine="0:0:1")) == 500
+
+
+def test_the_command_without_an_executable_says_so() -> None:
+    code = "from ubs._command import main; main()"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 1 and "built without the executable" in run.stderr
+
+
 def test_importing_needs_numpy_alone() -> None:
     code = "import sys, ubs; assert 'torch' not in sys.modules and 'tqdm' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -209,7 +209,10 @@ def train(
     **settings: Any,
 ) -> Model:
     """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
-    ubs.settings() lists them. Use Trainer to do other things during the training."""
+    ubs.settings() lists them. Use Trainer to do other things during the training.
+
+    The schedule scales with the iterations, the growth of the number of splats too: 500 initial splats become 12 000 in
+    200 iterations and 64 000 in 30 000. cap_max limits it, and refine="0:0:1" keeps the number."""
     trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
     progress = _progress() if on_step is None else None
     try:

@@ -30,6 +30,14 @@ std::string bind_functions(const ProgramSpec& spec) {
 
 using BindFunction = void (*)(void**, std::function<void()>*);
 
+// Makes the functions of this code visible to programs, if it is in a library that was loaded for itself alone,
+// as Python does.
+void show_own_symbols() {
+  Dl_info info{};
+  if (dladdr(reinterpret_cast<void*>(&compiler_version), &info) != 0)
+    dlopen(info.dli_fname, RTLD_NOW | RTLD_GLOBAL | RTLD_NOLOAD);
+}
+
 }  // namespace
 
 // Names what programs look like, too: they are kept by it.
@@ -58,6 +66,7 @@ CompiledProgram compile_program(const ProgramSpec& spec, int) {
 Module::Module(const std::string& binary) {
   const test::TempFolder folder;
   test::put(folder / "p.so", binary);
+  show_own_symbols();
   handle_ = dlopen((folder / "p.so").c_str(), RTLD_NOW | RTLD_LOCAL);
   if (!handle_) fail(ErrorKind::device, "dlopen: {}", dlerror());
 }
