@@ -3,44 +3,29 @@
 #include "host/scene/settings.hpp"
 
 #include <algorithm>
-#include <set>
-#include <vector>
 
 #include "host/api/handles.hpp"
 
 namespace ubs::facade {
 namespace {
 
-// What an object of the interface takes from the settings.
-struct ObjectUse {
-  const char* name;
-  unsigned uses;                       // FieldUse
-  std::vector<std::string_view> more;  // keys without such a use
-  bool form;                           // dim and variant
-};
-
-ObjectUse object_use(ubs_use use) {
-  switch (use) {
-    case UBS_USE_DATA:
-      return {"data", kOfReading, {"background", "image_cache_mb"}, false};
-    case UBS_USE_MODEL:
-      return {"a new model", kOfDrawing, {}, true};
-    case UBS_USE_RENDERER:
-      return {"a renderer", kOfKernels | kOfDrawing, {"raster"}, false};
-  }
-  fail(ErrorKind::usage, "use {} is unknown", static_cast<int>(use));
-}
-
 bool is_form(std::string_view key) { return key == "dim" || variant_values(key); }
 
-void check_effect(const std::set<std::string, std::less<>>& keys, const ObjectUse& object) {
-  const std::vector<std::string_view> used = keys_used(object.uses);
-  for (const std::string& key : keys) {
-    if (std::ranges::count(used, key) + std::ranges::count(object.more, key) > 0) continue;
-    if (!is_form(key)) fail(ErrorKind::usage, "{} has no effect on {}", key, object.name);
-    if (!object.form)
-      fail(ErrorKind::usage, "{} has no effect on {}: the form is that of the model", key, object.name);
+bool is_used(std::string_view key, unsigned uses) { return std::ranges::count(keys_used(uses), key) > 0; }
+
+// Returns whether a setting has an effect on what a function of the interface creates.
+bool has_effect(std::string_view key, ubs_use use) {
+  switch (use) {
+    case UBS_USE_DATA:
+      return is_used(key, kOfReading) || key == "background" || key == "image_cache_mb";
+    case UBS_USE_MODEL:
+      return is_used(key, kOfDrawing) || is_form(key);
+    case UBS_USE_RENDERER:
+      return is_used(key, kOfKernels | kOfDrawing) || key == "raster";
+    case UBS_USE_TRAINER:  // the caller evaluates and saves; the data have been read
+      return !is_used(key, kFreeOnResume) || key == "eval_every" || key == "on_nan";
   }
+  fail(ErrorKind::usage, "use {} is unknown", static_cast<int>(use));
 }
 
 }  // namespace
@@ -97,7 +82,13 @@ ubs_status ubs_settings_get(const ubs_settings* settings, const char* key, char*
 }
 
 ubs_status ubs_settings_check(const ubs_settings* settings, ubs_use use) {
-  return guarded([&] { check_effect(given(settings, "settings").values.chosen, object_use(use)); });
+  return guarded([&] {
+    static constexpr const char* kNames[] = {"data", "a new model", "a renderer", "a trainer"};
+    for (const std::string& key : given(settings, "settings").values.chosen)
+      if (!has_effect(key, use))
+        fail(ErrorKind::usage, "{} has no effect on {}{}", key, kNames[use],
+             use == UBS_USE_RENDERER && is_form(key) ? ": the form is that of the model" : "");
+  });
 }
 
 ubs_status ubs_settings_describe(size_t index, const char** key, const char** help) {

@@ -143,9 +143,10 @@ UBS_API ubs_status ubs_settings_get(const ubs_settings* settings, const char* ke
 UBS_API ubs_status ubs_settings_describe(size_t index, const char** key, const char** help);
 
 typedef enum ubs_use {
-  UBS_USE_DATA = 0,    /* ubs_data_open */
-  UBS_USE_MODEL = 1,   /* ubs_model_create */
-  UBS_USE_RENDERER = 2 /* ubs_renderer_create */
+  UBS_USE_DATA = 0,     /* ubs_data_open */
+  UBS_USE_MODEL = 1,    /* ubs_model_create */
+  UBS_USE_RENDERER = 2, /* ubs_renderer_create */
+  UBS_USE_TRAINER = 3   /* ubs_trainer_create, ubs_model_create_initial */
 } ubs_use;
 
 /* Returns UBS_ERROR_USAGE if a setting that was set or loaded has no effect on what is created. The functions

@@ -68,6 +68,7 @@ def test_pictures_and_gradients_are_those_of_the_executable(
     for view in data.test:
         image = renderer.render(view.camera)
         stem = tmp_path / "views" / view.name
+        assert f"{len(model)} splats on <ubs.Device" in repr(renderer)
         assert np.array_equal(np.load(f"{stem}.npy"), image.rgb)
         assert np.array_equal(np.load(f"{stem}_alpha.npy").reshape(image.alpha.shape), image.alpha)
         assert image.depth is not None
@@ -177,6 +178,7 @@ def test_training_in_parts(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
     steps: list[ubs.Step] = []
     trainer = ubs.Trainer(data, **SETTINGS)
     trainer.run(on_step=lambda step: (steps.append(step), step.iteration < 7)[1])
+    assert repr(trainer).startswith("<ubs.Trainer: iteration 7 of 60, ")
     assert trainer.status.iteration == len(steps) == 7
     assert steps[0].loss is None and steps[4].loss is not None
     with pytest.raises(ZeroDivisionError):
@@ -490,6 +492,8 @@ def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Mode
         (lambda: ubs.Model.empty(6, 5, lr_xyz=0.1), "lr_xyz has no effect on a new model"),
         (lambda: ubs.Dataset.open(folder, iterations=5), "iterations has no effect on data"),
         (lambda: ubs.Dataset.open(folder, dim=5), "dim has no effect on data"),
+        (lambda: ubs.train(data, save_renders=3), "save_renders has no effect on a trainer"),
+        (lambda: ubs.Model.initial(data, checkpoint_every=3), "checkpoint_every has no effect on a trainer"),
     ):
         with pytest.raises(ubs.UsageError, match=what):
             call()
@@ -538,7 +542,6 @@ def test_messages_speak_of_arguments(
     data: ubs.Dataset, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("UBS_LPIPS_WEIGHTS", raising=False)
-    monkeypatch.setattr(ubs.metrics, "_meters", {})
     with pytest.raises(ubs.DeviceError) as error:
         ubs.train(data, device="H100")
     assert "device 'H100' matches no device" in str(error.value) and "--" not in str(error.value)

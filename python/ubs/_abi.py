@@ -190,7 +190,7 @@ StepFunction = ctypes.CFUNCTYPE(c_int, c_void_p, POINTER(Step))
 LogFunction = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
 RENDER_DEPTH, RENDER_GRADIENTS, RENDER_ABSGRAD = 1, 2, 4
-USE_DATA, USE_MODEL, USE_RENDERER = 0, 1, 2
+USE_DATA, USE_MODEL, USE_RENDERER, USE_TRAINER = 0, 1, 2, 3
 
 
 def _of(kind: str) -> Any:

@@ -106,7 +106,7 @@ class Model(_abi.Handle):
     @staticmethod
     def initial(data: Dataset, **settings: Any) -> Model:
         """Returns the model that a training on the data with these settings starts from."""
-        return Model("model_create_initial", data, Settings(settings))
+        return Model("model_create_initial", data, Settings(settings, use=_abi.USE_TRAINER))
 
     def copy(self) -> Model:
         """Returns another model with the same values."""
@@ -263,6 +263,9 @@ class Renderer(_abi.Handle):
         self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
         self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
         super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
+
+    def __repr__(self) -> str:
+        return f"<ubs.Renderer of at most {self.capacity} splats on {self.device!r}>"
 
     def update(self, model: Model) -> None:
         """Replaces the parameter values by those of a model of the same variant and dimensions, with at most as many

@@ -12,17 +12,20 @@ from . import _abi
 
 
 class Settings(_abi.Handle):
-    """`use`: what the settings are for (_abi.USE_...); settings that have no effect on it raise UsageError."""
+    """`spec`: a YAML file that is read first. `use`: what the settings are for (_abi.USE_...); values that have no effect
+    on it raise UsageError."""
 
     def __init__(
         self, values: Mapping[str, Any] | None = None, spec: str | None = None, use: int | None = None
     ) -> None:
         super().__init__("settings", "settings_create")
+        if use is not None and spec is not None:  # files may have settings for other purposes
+            Settings(values, use=use)
         if spec is not None:
             _abi.call("settings_load", self, _abi.path_bytes(spec))
         for key, value in (values or {}).items():
             self.set(key, value)
-        if use is not None:
+        if use is not None and spec is None:
             _abi.call("settings_check", self, use)
 
     def set(self, key: str, value: Any) -> None:

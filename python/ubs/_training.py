@@ -109,8 +109,12 @@ class Trainer(_abi.Handle):
         **settings: Any,
     ) -> None:
         self._device = opened(device)
-        chosen = Settings(settings, spec)
+        chosen = Settings(settings, spec, use=_abi.USE_TRAINER)
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
+
+    def __repr__(self) -> str:
+        status = self.status
+        return f"<ubs.Trainer: iteration {status.iteration} of {status.iterations}, {status.splats} splats>"
 
     def run(self, steps: int = 0, on_step: OnStep | None = None) -> None:
         """Trains for `steps` iterations, or all remaining ones if it is 0. `on_step` is called after each iteration. If

@@ -37,7 +37,8 @@ def measure(
         raise UsageError(f"truth has the shape {shape}, not (H, W, 3)")
     a, b = floats(as_float(truth), shape, "truth"), floats(as_float(image), shape, "image")
     where = opened(device)
-    key = (where, ",".join(networks), "" if weights is None else str(weights))
+    chosen = os.environ.get("UBS_LPIPS_WEIGHTS", "") if weights is None else str(weights)
+    key = (where, ",".join(networks), chosen)
     if key not in _meters:
         file = None if weights is None else _abi.path_bytes(weights)
         _meters[key] = _abi.Handle("meter", "meter_create", where, key[1].encode(), file)

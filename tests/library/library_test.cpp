@@ -598,7 +598,8 @@ TEST_CASE("settings without effect, scenes, splats that are replaced") {
   set.check_effect(UBS_USE_RENDERER);
   set.check_effect(UBS_USE_MODEL);
   check_error(UBS_ERROR_USAGE, "eps2d has no effect on data", [&] { set.check_effect(UBS_USE_DATA); });
-  check_error(UBS_ERROR_USAGE, "use 3 is unknown", [&] { set.check_effect(static_cast<ubs_use>(3)); });
+  check_error(UBS_ERROR_USAGE, "checkpoint_every has no effect on a trainer",
+              [&] { ubs::Settings().set("checkpoint_every", "9").check_effect(UBS_USE_TRAINER); });
   const Folder out;
   ubs::Data::synthesise({.scene = "glossy", .width = 20, .height = 16, .train_views = 5, .test_views = -1},
                         out / "scene");
