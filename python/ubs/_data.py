@@ -35,7 +35,7 @@ def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArr
 def check_range(array: npt.NDArray[Any], what: str) -> None:
     """Raises UsageError if floating-point values have another range than 0 to 1, such as 0 to 255. Rendered images may
     lie somewhat outside of it."""
-    if array.size and not (array.min() >= -1 and array.max() <= 2):
+    if array.size and (array.min() < -1 or array.max() > 2):
         raise UsageError(
             f"{what} has values from {array.min():.4g} to {array.max():.4g}: give uint8, or floating point from 0 to 1"
         )

@@ -110,6 +110,7 @@ class Trainer(_abi.Handle):
     ) -> None:
         self._device = opened(device)
         chosen = Settings(settings, spec, use=_abi.USE_TRAINER)
+        self._data = data  # its files may be temporary, and images are decoded when they are needed
         super().__init__("trainer", "trainer_create", self._device, data, chosen, initial)
 
     def __repr__(self) -> str:
