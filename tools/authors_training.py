@@ -32,7 +32,8 @@ def cond_mean_convariance_opacity(
     means: Tensor, covars: Tensor, opacities: Tensor, betas: Tensor, query: Tensor
 ) -> tuple[Tensor, ...]:
     factor = torch.linalg.cholesky(covars)
-    positions, covariances, change = ubs.torch.condition(means, factor, betas, query)
+    # Their function has no gradient for the query.
+    positions, covariances, change = ubs.torch.condition(means, factor, betas, query.detach())
     return positions, covariances, opacities * change[:, None]
 
 
