@@ -149,6 +149,9 @@ def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
         assert not empty[1].any() and not empty[2].any() and len(empty) == 3
         sum(picture.sum() for picture in empty).backward()
         assert none["xyz"].grad is not None and none["xyz"].grad.shape == (0, 3)
+    white = ubs.torch.render({name: tensor.detach()[:0] for name, tensor in tensors.items()}, camera, dim=7,
+                             conditioning="direct", background="white")  # a text, as the settings take it
+    assert torch.equal(white[0], torch.ones(40, 40, 3)) and not white[1].any()
     with pytest.raises(ubs.UsageError, match="this form has xyz, rgb"):
         ubs.torch.render({"xyz": tensors["xyz"]}, camera, dim=3)
     with pytest.raises(ubs.UsageError, match="iterations has no effect"):

@@ -212,7 +212,6 @@ def by_functions(raw: dict[str, Any], camera: ubs.Camera, dim: int, direct: bool
     rows = torch.zeros(n, dim, dim)
     i, j = torch.tril_indices(dim, dim, -1)
     rows[:, i, j] = raw["l_triangle"]
-    spatial = rows[:, :3, :3] * 0
     a, b, c = raw["l_triangle"][:, :3].T
     zero, one = torch.zeros_like(a), torch.ones_like(a)
     spatial = torch.stack([one, a, b, -a, one, c, -b, -c, one], -1).reshape(n, 3, 3) * scale[:, None, :3]

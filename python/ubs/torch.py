@@ -290,10 +290,13 @@ def render(
     if tensors[0].shape[:1] != (0,):
         pictures: tuple[Tensor, ...] = _Render.apply(drawing, camera, pose, intrinsics, time, *tensors)
         return pictures
-    size, none = (camera.height, camera.width), cast(Tensor, sum(tensor.sum() for tensor in tensors))
-    background = settings.get("background", (0, 0, 0))
-    rgb = none.new_tensor(background).expand(*size, 3) + none
-    return (rgb, *(none.expand(size).clone() for _ in range(2 if depth else 1)))
+    # A model has at least one splat: render one that is transparent, and connect the result with the parameters.
+    none = cast(Tensor, sum(tensor.sum() for tensor in tensors))
+    transparent = [tensor.new_full((1, *tensor.shape[1:]), -1e3 if name == "opacity" else 0.0)
+                   for name, tensor in zip(drawing.names, tensors)]
+    with torch.no_grad():
+        empty: tuple[Tensor, ...] = _Render.apply(drawing, camera, pose, intrinsics, time, *transparent)
+    return tuple(picture + none for picture in empty)
 
 
 def _check_tensor(name: str, tensor: Tensor, shape: tuple[int, ...], like: Tensor) -> None:
@@ -363,7 +366,7 @@ def rasterize(
 def _attenuation(y: Tensor, betas: Tensor | None) -> Tensor:
     """Returns prod_i (1 - tanh(y_i^2))^beta_i (docs/method.md 2.4)."""
     if betas is None:
-        return torch.ones_like(y[:, :0].sum(-1)) + 0 * y.sum(-1)
+        return y.new_ones(len(y))
     u = y * y
     logarithm = torch.where(
         u < 0.25,
