@@ -1,7 +1,8 @@
 # cmake --install BUILD --component portable --prefix DIR makes a folder that runs wherever it is copied to.
 # It has the executable, the device tests, tools/gpu_check.sh and the libraries that they need except libc and
-# the C++ runtime (DIR/bin, DIR/lib). The libraries are found through RPATH $ORIGIN/../lib, because RUNPATH
-# would not apply to libraries that these libraries load. Drivers are those of the target machine.
+# the C++ runtime (DIR/bin, DIR/lib), and the sources that the device tests read (DIR/source). The libraries are
+# found through RPATH $ORIGIN/../lib, because RUNPATH would not apply to libraries that these libraries load.
+# Drivers are those of the target machine.
 set(portable ubs ubs-lab)
 if(UBS_TESTS)
   list(APPEND portable test_stages test_pipeline test_packed test_metrics test_variants test_work test_approximations
@@ -26,3 +27,8 @@ install(RUNTIME_DEPENDENCY_SET ubs_libraries
         PRE_EXCLUDE_REGEXES "^lib(c|m|dl|rt|pthread|stdc\\+\\+|gcc_s|cuda|nvidia-.*)\\.so.*" "^ld-linux.*"
         LIBRARY DESTINATION lib COMPONENT portable EXCLUDE_FROM_ALL)
 install(PROGRAMS tools/gpu_check.sh DESTINATION bin COMPONENT portable EXCLUDE_FROM_ALL)
+# Files that device tests read or copy (tests/support/source_folder.hpp).
+install(DIRECTORY kernels DESTINATION source COMPONENT portable EXCLUDE_FROM_ALL)
+install(DIRECTORY tests/support DESTINATION source/tests COMPONENT portable EXCLUDE_FROM_ALL
+        FILES_MATCHING PATTERN "*.cl" PATTERN "*.h")
+install(FILES host/opencl/projection.cpp DESTINATION source/host/opencl COMPONENT portable EXCLUDE_FROM_ALL)

@@ -25,7 +25,7 @@ KernelConfig with_backward(KernelConfig config) {
 }
 
 Options project_switches(const KernelConfig& config) {
-  Options options = variant_options(config.variant);
+  Options options = variant_options(config);
   append(options, arithmetic_options(config.math));
   append(options, extent_options(config));
   append(options, frozen_options(config));

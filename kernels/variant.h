@@ -42,6 +42,7 @@
 #endif
 #define UBS_FALLOFF_BETA 0
 #define UBS_FALLOFF_GAUSSIAN 1
+#define UBS_FALLOFF_OWN 2  // expressions of the user (OwnFalloff of host/device/stages.hpp), on a model of the kernel beta
 
 // Representation of the colour. 0: rgb; 1 + l: spherical harmonics up to degree l <= 3; 4 + n: n <= 3 spherical Beta
 // lobes.
@@ -64,16 +65,24 @@
 #define UBS_LOBES (UBS_COLOUR > 4 ? UBS_COLOUR - 4 : 0)
 #define UBS_SH_COUNT (UBS_LOBES > 0 ? 1 : UBS_COLOUR * UBS_COLOUR)
 enum {  // which raw betas exist: that of the spatial kernel, those of the query dimensions
-  kHasSpatialBeta = UBS_FALLOFF == UBS_FALLOFF_BETA,
+  kHasSpatialBeta = UBS_FALLOFF != UBS_FALLOFF_GAUSSIAN,
   kHasQueryBeta = (UBS_BETA_COND == UBS_BETA_COND_ON) | (UBS_BETA_OPACITY == UBS_BETA_OPACITY_TANH),
 };
 
 // The spatial kernel ends where the squared distance r reaches this value. For the Gaussian it corresponds to 3.33
 // standard deviations. There the alpha of an opaque splat is below 1/255 (2 ln 255 = 11.083), so that the limit of
 // alpha alone decides where a Gaussian ends.
+#if UBS_FALLOFF == UBS_FALLOFF_OWN
+#define UBS_SUPPORT UBS_OWN_SUPPORT
+#else
 #define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(11.0889) : R(1.0))
-#if UBS_FALLOFF > UBS_FALLOFF_GAUSSIAN
-#error "UBS_FALLOFF: no such kernel"  // without this, the code would silently use one of the two kernels
+// Expressions of r and beta: log2 of the falloff, and its derivatives with respect to r and beta. These are not used.
+#define UBS_OWN_LOG2 (r * beta)
+#define UBS_OWN_R_SLOPE (r * beta)
+#define UBS_OWN_BETA_SLOPE (r * beta)
+#endif
+#if UBS_FALLOFF > UBS_FALLOFF_OWN
+#error "UBS_FALLOFF: no such kernel"  // without this, the code would silently use one of the kernels
 #endif
 
 // ---- Optional restrictions that save work (docs/variants.md) ----

@@ -345,10 +345,8 @@ int run(ConvertOptions& options) {
 Command add_convert(CLI::App& root) {
   CLI::App* app = root.add_subcommand("convert", "Convert a model file to another format");
   const auto options = std::make_shared<ConvertOptions>(*app);
-  add_model_option(
-      *app, "from", options->from,
-      ".ply file of UBS, DBS, 3DGS or SuperSplat, .spz, .sog, .glb, .usda, .usdc, .usd or .splat "
-      "file, or output folder of 'ubs train'")
+  add_model_option(*app, "from", options->from,
+                   fmt::format("model file ({}), or output folder of 'ubs train'", splat_format_titles()))
       ->required()
       ->type_name("FROM");
   app->add_option("out", options->to, "file to write")->required()->type_name("TO");

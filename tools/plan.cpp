@@ -72,7 +72,7 @@ int plan_render(PlanOptions& options) {
 
 struct TrainingInput {
   TrainSettings settings;
-  bool unasked = false;  // the settings that `ubs train` uses without --iterations
+  bool uses_defaults = false;  // the settings that `ubs train` uses without --iterations
   Dataset data;
   Split train, test;
 };
@@ -85,27 +85,27 @@ TrainingInput open_training(const PlanOptions& options) {
   in.train = take_train(in.data, run.settings);
   in.test = take_test(in.data, run.settings);
   divide_by_unit(in.data, std::array{&in.train, &in.test}, run.settings.unit);
-  in.unasked = run.fast.has_value();
+  in.uses_defaults = run.fast.has_value();
   in.settings =
-      in.unasked ? unasked_settings(run, in.data, picture_facts(in.train, run.settings)) : run.settings;
+      in.uses_defaults ? default_settings(run, in.data, picture_facts(in.train, run.settings)) : run.settings;
   return in;
 }
 
 int plan_train(const PlanOptions& options) {
-  const auto [settings, unasked, data, train, test] = open_training(options);
+  const auto [settings, uses_defaults, data, train, test] = open_training(options);
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const SplatModel initial = initial_model(data, train, in_unit(settings));
   const RunPlan plan = plan_training(*device, in_unit(settings), train, test, initial);
   if (options.json) {
     Json json = planned_json(options, settings, *device, plan);
-    json["budget_seconds"] = unasked ? Json(kUnaskedSeconds) : Json();
+    json["budget_seconds"] = uses_defaults ? Json(kDefaultSeconds) : Json();
     print_json(json);
     return 0;
   }
-  if (unasked)
+  if (uses_defaults)
     say("schedule   {} iterations, at most {} splats; without options 'ubs train' ends after {} iterations "
         "with fewer splats (--iterations {} for the published schedule)\n",
-        settings.iterations, settings.cap_max, duration_text(kUnaskedSeconds), kScheduleLength);
+        settings.iterations, settings.cap_max, duration_text(kDefaultSeconds), kScheduleLength);
   say_plan(*device, plan);
   return 0;
 }
@@ -153,7 +153,7 @@ RankCosts read_costs(const std::string& path) {
 
 int plan_ranks(const PlanOptions& options) {
   constexpr int kMaxMeasured = 1'000'000;  // maximum number of splats for the measurement
-  auto [settings, unasked, data, train, test] = open_training(options);
+  auto [settings, uses_defaults, data, train, test] = open_training(options);
   settings = resolve_automatic(std::move(settings));
   const std::unique_ptr<Device> device = open_proved_device(options.device, training_use(settings));
   const MemoryQuestion memory = memory_question(settings, train, test, device->info(), 1);

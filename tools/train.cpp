@@ -137,17 +137,17 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 
 // Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
 // returns the time budget. The number is the largest that is expected to fit the time budget. With several
-// ranks, there is no time budget and the run gets kUnaskedIterations. `warm_up` is called before steps are
+// ranks, there is no time budget and the run gets kDefaultIterations. `warm_up` is called before steps are
 // measured.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
                            const Split& train,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
   const bool asked = !options.start.budget.empty();
   const PictureFacts pictures = picture_facts(train, start.settings);
-  TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kUnaskedSeconds,
-                    .most_iterations = asked ? kScheduleLength : kUnaskedIterations};
+  TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kDefaultSeconds,
+                    .most_iterations = asked ? kScheduleLength : kDefaultIterations};
   if (ranks().size() > 1) {
-    start.settings = unasked_settings(start, data, pictures);
+    start.settings = default_settings(start, data, pictures);
     budget = {};
   } else {
     const TrainSettings base = fast_base(start);
@@ -422,7 +422,7 @@ Command add_train(CLI::App& root) {
          fmt::format(
              "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
              "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]",
-             kUnaskedIterations))
+             kDefaultIterations))
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,
                   "resume the interrupted run in this output folder with its data and settings")

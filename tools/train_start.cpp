@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <initializer_list>
 
@@ -12,6 +11,7 @@
 #include "host/api/training_data.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
+#include "host/data/splat_file.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
 #include "tools/common/run_keeper.hpp"
@@ -54,8 +54,8 @@ TrainSettings fast_base(const NewSettings& run) {
 
 std::size_t points_of(const Dataset& data) { return data.points ? data.points->positions.size() : 0; }
 
-TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
-  return fast_settings_for(fast_base(run), kUnaskedIterations, points_of(data), pictures);
+TrainSettings default_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures) {
+  return fast_settings_for(fast_base(run), kDefaultIterations, points_of(data), pictures);
 }
 
 namespace {
@@ -76,18 +76,18 @@ bool is_left_empty(const std::filesystem::path& folder) {
 // extension.
 void check_kind(const std::filesystem::path& data) {
   if (is_folder(data)) return;
-  std::string extension = data.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  const std::string extension = small_extension(data);
   const auto is = [&](std::initializer_list<const char*> names) {
     return std::ranges::find(names, extension) != names.end();
   };
   const std::string name = shell_word(data.string());
-  if (is({".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".usda", ".usdc", ".usd", ".ubsz"}))
+  // Files of ubs web and of GaussianSplats3D are models too, but no format of the table has their extension.
+  if (has_splat_extension(data) || is({".ubsz", ".ksplat"}))
     fail(ErrorKind::data,
          "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
          "its images",
          data.string(), name);
-  if (is({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".exr", ".heic", ".avif"}))
+  if (has_image_extension(data) || is({".heic", ".avif"}))  // ubs does not read the latter two
     fail(ErrorKind::data,
          "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
          "finds the cameras)",

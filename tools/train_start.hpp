@@ -51,10 +51,10 @@ std::size_t points_of(const Dataset& data);
 // If the user chooses neither iterations nor budget, a run ends after this many iterations or this many
 // seconds, whichever comes first. This number of iterations reaches the published quality
 // (docs/results/2026-11-22-long-schedules.md).
-inline constexpr int kUnaskedIterations = 16000;
-inline constexpr double kUnaskedSeconds = 900;
+inline constexpr int kDefaultIterations = 16000;
+inline constexpr double kDefaultSeconds = 900;
 // Returns the settings of such a run if it has all iterations.
-TrainSettings unasked_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
+TrainSettings default_settings(const NewSettings& run, const Dataset& data, const PictureFacts& pictures);
 
 // Collects what the run starts from and locks the output folder. If N is not given, the data determine it
 // later. Throws Error(usage) for missing or conflicting options, for settings that differ from those of the

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "host/data/splat_file.hpp"
@@ -21,15 +22,17 @@ LoadedModel open_model(const std::string& path);
 TrainSettings noted_settings(const ModelNotes& notes, const std::string& path);
 
 // Returns the kernel configuration. Dimension and variant are those of the model's first group, whatever the
-// settings say; no parameters are frozen. depth, backward, absgrad: see KernelConfig.
+// settings say; no parameters are frozen. depth, backward, absgrad, falloff: see KernelConfig.
 KernelConfig config_for(const Device& device, const MixedModel& model, const TrainSettings& settings,
-                        bool depth, bool backward, bool absgrad = false);
+                        bool depth, bool backward, bool absgrad = false,
+                        std::optional<OwnFalloff> falloff = {});
 
 class ModelSession {
  public:
   // Uploads the model; the renderer has no cameras yet.
   ModelSession(std::shared_ptr<Device> device, const MixedModel& model, const TrainSettings& settings,
-               bool depth, bool backward = false, bool absgrad = false);
+               bool depth, bool backward = false, bool absgrad = false,
+               std::optional<OwnFalloff> falloff = {});
   // Opens the device after verifying it for this use, and uploads the model and the cameras of the split.
   ModelSession(const std::string& device, const MixedModel& model, const Split& split,
                const TrainSettings& settings, bool depth, bool backward = false);

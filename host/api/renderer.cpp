@@ -20,6 +20,8 @@ struct ubs_renderer {
   std::optional<ubs::ModelSession> session;
   std::vector<std::byte> staging;              // for images that are copied to the caller
   std::optional<ubs::GroupBuffers> gradients;  // allocated at the first request for gradients
+  // Camera of the image on the device, if it can be differentiated as it is
+  std::optional<ubs_camera> kept;
   // Camera of the last gradient; empty if there is no valid gradient
   std::optional<ubs::Camera> differentiated;
   ubs::ImageShape v_rgb_shape;  // size of UBS_ARRAY_V_RGB when it was last returned
@@ -102,6 +104,23 @@ bool is_v_rgb(ubs_renderer& renderer, const float* rgb) {
   return rgb && memory && memory->address().pointer == rgb;
 }
 
+// Throws Error(usage) if the expressions cannot be options of a compiler, or do not fit the model.
+OwnFalloff falloff_from(const ubs_falloff& falloff, const MixedModel& model) {
+  const ubs_falloff from = taken(&falloff, "falloff");
+  OwnFalloff own{&given(from.log2, "falloff.log2"), &given(from.r_slope, "falloff.r_slope"),
+                 &given(from.beta_slope, "falloff.beta_slope"), from.support};
+  for (const std::string* text : {&own.log2, &own.r_slope, &own.beta_slope})
+    if (text->empty() || text->find_first_of(" \t\r\n\"'\\") != std::string::npos)
+      fail(ErrorKind::usage, "falloff: '{}' must be an expression without blanks and quotes", *text);
+  if (!(own.support > 0 && own.support <= 100))
+    fail(ErrorKind::usage, "falloff.support = {} must be above 0 and at most 100", own.support);
+  for (const SplatModel& group : model.groups)
+    if (!group.variant.has_spatial_beta())
+      fail(ErrorKind::usage, "falloff: requires the kernel beta, and the model has the form {}",
+           to_string(group.variant));
+  return own;
+}
+
 void need_gradients(const ubs_renderer& renderer) {
   if (!(renderer.flags & UBS_RENDER_GRADIENTS))
     fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_GRADIENTS");
@@ -115,6 +134,12 @@ using namespace ubs::facade;
 
 ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const ubs_settings* settings,
                                unsigned flags, ubs_renderer** renderer) {
+  return ubs_renderer_create_falloff(device, model, settings, flags, nullptr, renderer);
+}
+
+ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* model,
+                                       const ubs_settings* settings, unsigned flags,
+                                       const ubs_falloff* falloff, ubs_renderer** renderer) {
   return made(renderer, [&] {
     const LoadedModel& loaded = given(model, "model").loaded;
     if (flags & ~static_cast<unsigned>(UBS_RENDER_DEPTH | UBS_RENDER_GRADIENTS | UBS_RENDER_ABSGRAD))
@@ -124,6 +149,7 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
            flags);
     if ((flags & UBS_RENDER_ABSGRAD) && !(flags & UBS_RENDER_GRADIENTS))
       fail(ErrorKind::usage, "UBS_RENDER_ABSGRAD requires UBS_RENDER_GRADIENTS");
+    const auto own = falloff ? std::optional(falloff_from(*falloff, loaded.model)) : std::nullopt;
     TrainSettings values = settings ? settings->values : noted_settings(loaded.notes, "the model");
     validate(values);
     if (!values.chosen.contains("query_grad")) values.query_grad = depends_on_direction(loaded.model);
@@ -141,7 +167,7 @@ ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model, const
       empty.dim = group.dim, empty.variant = group.variant, empty.count = group.count;
     }
     created->session.emplace(created->open->device, loaded.model, values, (flags & UBS_RENDER_DEPTH) != 0,
-                             backward, (flags & UBS_RENDER_ABSGRAD) != 0);
+                             backward, (flags & UBS_RENDER_ABSGRAD) != 0, own);
     return created;
   });
 }
@@ -160,7 +186,7 @@ ubs_status ubs_renderer_update(ubs_renderer* renderer, const ubs_model* model) {
     const LoadedModel& loaded = given(model, "model").loaded;
     const std::lock_guard lock(r.open->mutex);
     check_same_groups(r.shape.model, loaded.model, false, "the new model");
-    r.differentiated.reset();
+    r.kept.reset(), r.differentiated.reset();
     r.session->choose(loaded.model);
     r.shape.offset = loaded.offset;
   });
@@ -173,12 +199,14 @@ ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* camera, c
     const Camera view = camera_for(r.shape, camera);
     if (out.depth && !(r.flags & UBS_RENDER_DEPTH))
       fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_DEPTH");
+    if (out.for_gradient) need_gradients(r);
     const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
-    r.differentiated.reset();
+    r.kept.reset(), r.differentiated.reset();
     session.renderer().set_cameras({view});
-    session.renderer().forward(session.model().view(), 0, session.settings(), false);
+    session.renderer().forward(session.model().view(), 0, session.settings(), out.for_gradient != 0);
     r.painted_over = false;
+    if (out.for_gradient) r.kept = taken(camera, "camera");
     const auto room = [&](float* to, std::size_t channels) {
       return std::span<float>(to, to ? channels * pixels_of(view) : 0);
     };
@@ -191,7 +219,12 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
   return guarded([&] {
     ubs_renderer& r = given(renderer, "renderer");
     const ubs_image_gradient v = taken(v_image, "v_image");
-    const Camera view = camera_for(r.shape, camera);
+    const std::lock_guard lock(r.open->mutex);
+    if (!camera && !r.kept)
+      fail(ErrorKind::usage,
+           "there is no image to differentiate: render one with for_gradient, or pass the camera");
+    const ubs_camera seen = camera ? taken(camera, "camera") : *r.kept;
+    const Camera view = camera_for(r.shape, &seen);
     const bool on_device = is_v_rgb(r, v.rgb);
     const std::span<const float> rgb(v.rgb, v.rgb && !on_device ? 3 * pixels_of(view) : 0);
     const std::span<const float> alpha(v.alpha, v.alpha ? pixels_of(view) : 0);
@@ -206,17 +239,19 @@ ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
     check_finite(rgb, "v_image.rgb");
     check_finite(alpha, "v_image.alpha");
     check_finite(depth, "v_image.depth");
-    const std::lock_guard lock(r.open->mutex);
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
     const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
-    r.differentiated.reset();
-    session.renderer().set_cameras({view});
-    session.renderer().forward(session.model().view(), 0, session.settings(), true);
+    r.kept.reset(), r.differentiated.reset();
+    if (camera) {
+      session.renderer().set_cameras({view});
+      session.renderer().forward(session.model().view(), 0, session.settings(), true);
+    }
     r.painted_over = v.alpha || v.depth;
     backward_from_image(session.device(), session.renderer(), {rgb, alpha, depth, on_device}, buffers);
     if (gradient) download(r, gradient->loaded.model);
-    r.differentiated = camera_from(*camera);
+    r.differentiated = camera_from(seen);
+    if (!r.painted_over) r.kept = seen;
   });
 }
 
@@ -238,7 +273,7 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
     ModelSession& session = *r.session;
     if (gradient) check_same_groups(groups_of(r), gradient->loaded.model, true, "the gradient");
     const auto buffers = gradient ? gradient_buffers(r) : std::span<const BufferView<float>>{};
-    r.differentiated.reset();
+    r.kept.reset(), r.differentiated.reset();
     const ViewLoss values =
         view_loss(session.device(), session.stages(), session.renderer(), session.model().view(), buffers,
                   view, planar(image), session.settings(), lambda_dssim, counts);
@@ -297,7 +332,7 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
     BufferView<float> found;
     switch (name) {
       case UBS_ARRAY_PARAMETERS:
-        r.differentiated.reset();
+        r.kept.reset(), r.differentiated.reset();
         found = splats.view().params;
         break;
       case UBS_ARRAY_RGB:

@@ -46,7 +46,7 @@ bool is_unsupported(int reason) {
 }  // namespace
 
 FolderLock::FolderLock(fs::path folder) : folder_(std::move(folder)), path_(folder_ / ".ubs-lock") {
-  made_ = !path_exists(folder_);
+  for (fs::path at = folder_; !path_exists(at); at = folder_of(at)) made_.push_back(at);
   make_folders(folder_);
   if (!try_once())
     fail(ErrorKind::usage,
@@ -79,7 +79,7 @@ bool FolderLock::try_once() {
 FolderLock::~FolderLock() {
   if (file_ < 0) return;
   ::unlink(path_.c_str());
-  if (made_) ::rmdir(folder_.c_str());  // fails if it contains results
+  for (const fs::path& made : made_) ::rmdir(made.c_str());  // fails if it contains results
   ::close(file_);
 }
 

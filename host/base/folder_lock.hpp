@@ -5,14 +5,15 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 namespace ubs {
 
 class FolderLock {
  public:
-  // Creates the folder if it is missing, and removes it at the end if it is still empty. Throws Error(usage),
-  // naming the holder, if another process has the lock. On file systems without locks it prints a warning and
-  // does not lock.
+  // Creates the folder and the folders above it if they are missing. The destructor removes those of them
+  // that are still empty. Throws Error(usage), naming the holder, if another process has the lock. On file
+  // systems without locks it prints a warning and does not lock.
   explicit FolderLock(std::filesystem::path folder);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
@@ -22,8 +23,8 @@ class FolderLock {
   bool try_once();
 
   std::filesystem::path folder_, path_;
+  std::vector<std::filesystem::path> made_;  // folders that did not exist before, the innermost first
   int file_ = -1;
-  bool made_ = false;
 };
 
 }  // namespace ubs

@@ -92,7 +92,7 @@ bool is_gaussian_model(const SplatModel& model) {
 
 ImportedSplats to_imported_splats(const SplatModel& model) {
   const ParameterLayout l = model.layout();
-  if (l.query > 0) fail(ErrorKind::internal, "foreign_splats: N = {}", model.dim);
+  if (l.query > 0) fail(ErrorKind::internal, "to_imported_splats: N = {}", model.dim);
   ImportedSplats out;
   out.kernel = model.variant.kernel;
   out.lobes = model.variant.lobes();

@@ -229,7 +229,8 @@ void write_gaussian_ply(const fs::path& path, const ImportedSplats& splats) {
   std::string header = "ply\nformat binary_little_endian 1.0\n";
   if (splats.offset != std::array<double, 3>{})
     header += "comment " + make_offset_comment(splats.offset) + "\n";
-  if (splats.antialiased) header += "comment SplatRenderMode: mip\n";  // as Brush and gsplat write it
+  if (splats.antialiased)  // as Brush and gsplat write it, and as Postshot does
+    header += "comment SplatRenderMode: mip\ncomment antialiased 1\n";
   header += fmt::format("element vertex {}\n", splats.count());
   const auto property = [&header](const std::string& p) { header += "property float " + p + "\n"; };
   const auto numbered = [&](const std::string& stem, std::size_t count) {

@@ -96,13 +96,16 @@ void rebase(std::vector<View>& views, const std::array<double, 3>& from, const s
 
 void take_points(const fs::path& file, LoadedScene& scene) {
   WorldPoints points = read_world_points(file);
-  if (is_random_filling(points))
+  const std::string name = file.filename().string();
+  if (is_random_filling(points)) {
     scene.report.note_difference(
         fmt::format("{}: {} uniformly random points, as 3DGS code writes them where the data have none: "
                     "not used",
-                    file.filename().string(), points.positions.size()));
-  else
-    scene.points = std::move(points);
+                    name, points.positions.size()));
+    return;
+  }
+  if (!points.unused.empty()) scene.report.note_difference(fmt::format("{}: {}", name, points.unused));
+  scene.points = std::move(points);
 }
 
 bool has_image_extension(const fs::path& path) {

@@ -12,13 +12,11 @@
 namespace ubs {
 namespace {
 
-using PngBytes = std::vector<std::byte>;
-
-void put32(PngBytes& to, std::uint32_t value) {
+void put32(std::vector<std::byte>& to, std::uint32_t value) {
   for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::byte>(value >> shift));
 }
 
-void put_chunk(PngBytes& to, const char (&name)[5], const PngBytes& content) {
+void put_chunk(std::vector<std::byte>& to, const char (&name)[5], const std::vector<std::byte>& content) {
   put32(to, static_cast<std::uint32_t>(content.size()));
   const std::size_t checked = to.size();
   for (int i = 0; i < 4; ++i) to.push_back(static_cast<std::byte>(name[i]));
@@ -28,12 +26,12 @@ void put_chunk(PngBytes& to, const char (&name)[5], const PngBytes& content) {
 
 // Encodes rows with PNG filter 1 (Sub): each row starts with the byte 1 and stores differences to the pixel
 // on its left. Samples are big-endian.
-PngBytes png_rows(const PngForm& form, const void* samples) {
+std::vector<std::byte> png_rows(const PngForm& form, const void* samples) {
   const auto bytes = static_cast<std::size_t>(form.bytes), height = static_cast<std::size_t>(form.height);
   const std::size_t pixel = bytes * static_cast<std::size_t>(form.channels);
   const std::size_t row = pixel * static_cast<std::size_t>(form.width);
   const auto* in = static_cast<const std::uint8_t*>(samples);
-  PngBytes rows(height * (row + 1));
+  std::vector<std::byte> rows(height * (row + 1));
   std::byte* out = rows.data();
   for (std::size_t y = 0; y < height; ++y, in += row) {
     *out++ = std::byte{1};
@@ -47,15 +45,15 @@ PngBytes png_rows(const PngForm& form, const void* samples) {
 
 }  // namespace
 
-PngBytes encode_png(const PngForm& form, const void* samples) {
+std::vector<std::byte> encode_png(const PngForm& form, const void* samples) {
   constexpr int kColourTypes[] = {0, 0, 0, 2, 6};  // by number of channels: grey, RGB, RGBA
-  PngBytes header;
+  std::vector<std::byte> header;
   put32(header, static_cast<std::uint32_t>(form.width));
   put32(header, static_cast<std::uint32_t>(form.height));
   for (const int value : {8 * form.bytes, kColourTypes[form.channels], 0, 0, 0})
     header.push_back(static_cast<std::byte>(value));
   constexpr unsigned char kSignature[] = {0x89, 'P', 'N', 'G', 0x0d, 0x0a, 0x1a, 0x0a};
-  PngBytes file;
+  std::vector<std::byte> file;
   for (const unsigned char value : kSignature) file.push_back(std::byte{value});
   put_chunk(file, "IHDR", header);
   put_chunk(file, "IDAT", deflate_runs(png_rows(form, samples)));

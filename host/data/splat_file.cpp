@@ -333,6 +333,20 @@ ImportedSplats read_as(const SplatFormat& format, const fs::path& path, std::opt
 
 std::span<const SplatFormat> splat_formats() { return kFormats; }
 
+std::string splat_format_titles() {
+  std::vector<std::string_view> titles;
+  for (const SplatFormat& format : kFormats) titles.push_back(format.title);
+  return fmt::format("{}", fmt::join(titles, ", "));
+}
+
+bool has_splat_extension(const fs::path& path) {
+  const std::string extension = small_extension(path);
+  return !extension.empty() && extension != ".json" &&
+         std::ranges::any_of(kFormats, [&](const SplatFormat& format) {
+           return format.extension == extension || format.second_extension == extension;
+         });
+}
+
 std::vector<std::string> written_formats() {
   std::vector<std::string> names;
   for (const SplatFormat& format : kFormats)
@@ -362,9 +376,7 @@ const SplatFormat& detect_splat_format(const fs::path& path) {
     fail(ErrorKind::data, "{}: {}", path.string(), what);
   if (is_ply(start)) return kFormats[0];  // its reader reports what is missing
   if (start.extension == ".ply") fail(ErrorKind::data, "{}: not a PLY file", path.string());
-  std::vector<std::string_view> titles;
-  for (const SplatFormat& format : kFormats) titles.push_back(format.title);
-  fail(ErrorKind::data, "{}: not a splat file: expected {}", path.string(), fmt::join(titles, ", "));
+  fail(ErrorKind::data, "{}: not a splat file: expected {}", path.string(), splat_format_titles());
 }
 
 std::string describe_file(const fs::path& path) {

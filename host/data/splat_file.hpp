@@ -57,6 +57,11 @@ struct SplatFormat {
 };
 
 std::span<const SplatFormat> splat_formats();
+// Returns the titles of all formats for messages and help texts, separated by commas.
+std::string splat_format_titles();
+// Returns whether the file name has the extension of one of the formats. This does not include .json, because
+// data sets have such files too.
+bool has_splat_extension(const std::filesystem::path& path);
 // Returns the names of the formats that can be written; that of ubs comes first.
 std::vector<std::string> written_formats();
 // Throws Error(usage) if no format that can be written has this name.

@@ -21,7 +21,7 @@
 namespace ubs {
 namespace {
 
-constexpr std::uint32_t kUbszVersion = 1, kUbszLevelsVersion = 2;
+constexpr std::uint32_t kOneLevelVersion = 1, kLevelsVersion = 2;
 // Bits of a position per axis. Three axes fit into a number that a double holds exactly. Half of the codes
 // are on either side of the centre.
 constexpr int kPlaceBits = 17;
@@ -30,7 +30,7 @@ constexpr int kPlaceBits = 17;
 // far away as the rest.
 constexpr std::int64_t kNearSteps = 8192;
 constexpr double kFarSteps = 1 << 27;  // maximum distance [steps] that can be encoded
-constexpr std::size_t kClasses = kUbszCoarsest + 1;
+constexpr std::size_t kClasses = kMaxStepClass + 1;
 // A plane shorter than this shares its Huffman code with its neighbours, because the 60 bytes of a separate
 // code would cost more than they save.
 constexpr std::size_t kOwnCode = 1500;
@@ -174,7 +174,7 @@ GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vecto
   GroupCode group{.dim = model.dim, .count = model.count, .exact = false};
   const ParameterLayout layout = model.layout();
   if (steps.steps.size() != static_cast<std::size_t>(layout.count) || steps.classes.size() != model.count ||
-      std::ranges::any_of(steps.classes, [](int k) { return k > kUbszCoarsest; }) ||
+      std::ranges::any_of(steps.classes, [](int k) { return k > kMaxStepClass; }) ||
       std::ranges::any_of(steps.steps, [](double s) { return !(s > 0); }))
     fail(ErrorKind::internal, "steps that do not fit the model");
   for (const std::uint8_t k : steps.classes) ++group.classes[k];
@@ -424,7 +424,7 @@ std::vector<std::byte> pack_ubsz(const MixedModel& model, std::span<const std::s
   std::vector<std::byte> packed;
   Json header = ubsz_header(model, comments);
   header["groups"] = pack_groups(model, steps, packed);
-  std::vector<std::byte> out = ubsz_head(kUbszVersion, header);
+  std::vector<std::byte> out = ubsz_head(kOneLevelVersion, header);
   out.insert(out.end(), packed.begin(), packed.end());
   return out;
 }
@@ -441,7 +441,7 @@ UbszParts pack_ubsz_levels(std::span<const UbszLevel> levels, std::span<const st
     planes.insert(planes.end(), packed.begin(), packed.end());
     out.sizes.push_back(packed.size());
   }
-  out.bytes = ubsz_head(kUbszLevelsVersion, header);
+  out.bytes = ubsz_head(kLevelsVersion, header);
   out.sizes[0] += out.bytes.size();
   out.bytes.insert(out.bytes.end(), planes.begin(), planes.end());
   return out;
@@ -453,9 +453,9 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
   if (bytes.size() < 16 || std::memcmp(in.take(4).data(), kUbszMagic, 4) != 0)
     fail(ErrorKind::data, "{}: not a UBSZ file", name);
   const auto version = in.read<std::uint32_t>();
-  if (version != kUbszVersion && version != kUbszLevelsVersion)
-    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {} and {}", name, version, kUbszVersion,
-         kUbszLevelsVersion);
+  if (version != kOneLevelVersion && version != kLevelsVersion)
+    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {} and {}", name, version,
+         kOneLevelVersion, kLevelsVersion);
   const auto size = in.read<std::uint32_t>(), crc = in.read<std::uint32_t>();
   const auto words = in.take(size);
   if (crc32(words) != crc) fail(ErrorKind::data, "{}: the header is damaged", name);
@@ -466,7 +466,7 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
     for (const auto& [key, value] : header.at("switches").items())
       set_switch(variant, key, value.get<std::string>(), name);
     if (comments) *comments = header.at("comments").get<std::vector<std::string>>();
-    if (version == kUbszVersion) {
+    if (version == kOneLevelVersion) {
       unpack_groups(header.at("groups"), in.take(in.remaining()), variant, name, model);
     } else {
       for (const Json& level : header.at("levels"))

@@ -16,7 +16,7 @@
 namespace ubs {
 
 inline constexpr char kUbszMagic[] = {'U', 'B', 'S', 'Z'};
-inline constexpr int kUbszCoarsest = 5;  // maximum class: splats of class k have steps 2^k times as large
+inline constexpr int kMaxStepClass = 5;  // maximum class: splats of class k have steps 2^k times as large
 
 // Quantisation of one group. The three rows of the position must have the same step.
 struct UbszSteps {

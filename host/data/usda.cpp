@@ -21,10 +21,10 @@ namespace {
 
 // The extent covers every position at which a splat has an opacity of more than 1/255, the threshold of 3DGS.
 // This is sqrt(2 ln 255) standard deviations.
-constexpr double kUsdExtentSigmas = 3.3290;
-constexpr int kUsdCodesPerSecond = 24;  // USD's own default
+constexpr double kExtentSigmas = 3.3290;
+constexpr int kTimeCodesPerSecond = 24;  // USD's own default
 
-constexpr std::size_t kUsdFlushBytes = std::size_t{1} << 20;
+constexpr std::size_t kFlushBytes = std::size_t{1} << 20;
 
 // Text that is written to a file in blocks. Numbers have enough digits to read back the same float32 or
 // float64.
@@ -58,7 +58,7 @@ class UsdaText {
 
  private:
   void flush_if_large() {
-    if (text_.size() > kUsdFlushBytes) flush();
+    if (text_.size() > kFlushBytes) flush();
   }
 
   AtomicFile& file_;
@@ -115,7 +115,7 @@ std::array<std::array<float, 3>, 2> usd_extent(const ImportedSplats& splats) {
         variance += rows[a][k] * rows[a][k] * scale * scale;
       }
       const double centre = a == 0 ? splats.positions[i][a] : -splats.positions[i][a];
-      const double reach = kUsdExtentSigmas * std::sqrt(variance);
+      const double reach = kExtentSigmas * std::sqrt(variance);
       low[a] = std::min(low[a], centre - reach);
       high[a] = std::max(high[a], centre + reach);
     }
@@ -161,9 +161,9 @@ void write_usd_moments(const std::filesystem::path& path, std::span<const Import
   UsdaText out(file);
   out.put("#usda 1.0\n(\n    customLayerData = {\n        string creator = \"ubs\"\n    }\n");
   out.put("    defaultPrim = \"Splats\"\n");
-  if (n > 1) out.print("    endTimeCode = {}\n    framesPerSecond = {}\n", n - 1, kUsdCodesPerSecond);
+  if (n > 1) out.print("    endTimeCode = {}\n    framesPerSecond = {}\n", n - 1, kTimeCodesPerSecond);
   out.put("    metersPerUnit = 1\n");
-  if (n > 1) out.print("    startTimeCode = 0\n    timeCodesPerSecond = {}\n", kUsdCodesPerSecond);
+  if (n > 1) out.print("    startTimeCode = 0\n    timeCodesPerSecond = {}\n", kTimeCodesPerSecond);
   out.put("    upAxis = \"Y\"\n)\n\ndef ParticleField3DGaussianSplat \"Splats\"\n{\n");
 
   const auto count = [&](std::size_t m) { return moments[m].count(); };

@@ -9,7 +9,7 @@
 
 namespace ubs {
 
-static constexpr std::size_t kUsdMaxDepth = 200;  // maximum nesting of prims
+static constexpr std::size_t kMaxNesting = 200;  // maximum nesting of prims
 
 UsdLayer UsdaParser::parse() {
   if (!text_.starts_with("#usda ")) fail(ErrorKind::data, "{}: not a USD text file", name_);
@@ -265,7 +265,7 @@ void UsdaParser::prim_or_statement(UsdLayer& layer, std::size_t parent, std::siz
 }
 
 void UsdaParser::prim(UsdLayer& layer, std::size_t parent, std::size_t depth, const std::string& specifier) {
-  if (depth >= kUsdMaxDepth) error(fmt::format("more than {} prims inside each other", kUsdMaxDepth));
+  if (depth >= kMaxNesting) error(fmt::format("more than {} prims inside each other", kMaxNesting));
   UsdPrim prim;
   if (peek() != '"' && peek() != '\'') prim.type = word();
   prim.name = string();

@@ -15,8 +15,8 @@
 namespace ubs {
 namespace {
 
-constexpr const char* kUsdSplatType = "ParticleField3DGaussianSplat";
-constexpr double kUsdRounding = 1e-6;  // tolerance for operations that neither rotate nor scale
+constexpr const char* kSplatType = "ParticleField3DGaussianSplat";
+constexpr double kNeutralTolerance = 1e-6;  // tolerance for operations that neither rotate nor scale
 
 // Returns the nearest number of half precision. OpenUSD prints halves with six digits, which are enough to
 // distinguish them but are not the exact value.
@@ -41,7 +41,7 @@ class UsdSplatReader {
     std::optional<ImportedSplats> splats;
     std::size_t others = 0;
     for (const UsdPrim& prim : layer_.prims) {
-      if (prim.type != kUsdSplatType || !prim.drawn) {
+      if (prim.type != kSplatType || !prim.drawn) {
         others += !prim.type.empty() && prim.type != "Xform" && prim.type != "Scope";
         continue;
       }
@@ -73,13 +73,13 @@ class UsdSplatReader {
                                         "; it refers to other layers or variants, which are not followed: "
                                         "flatten it first with 'usdcat --flatten'");
     fail(ErrorKind::data, "{}: a USD file without splats: {} prims, none of the type {}{}", name_,
-         layer_.prims.size(), kUsdSplatType, found);
+         layer_.prims.size(), kSplatType, found);
   }
 
   // Collects the time codes of all splats and chooses the one to read.
   void choose_time(std::optional<double> time) {
     for (const UsdPrim& prim : layer_.prims)
-      if (prim.type == kUsdSplatType && prim.drawn)
+      if (prim.type == kSplatType && prim.drawn)
         for (const auto& [name, property] : prim.properties)
           for (const auto& [code, at] : property.samples) codes_.insert(code);
     if (codes_.empty()) {
@@ -258,7 +258,7 @@ class UsdSplatReader {
 
   void require_neutral_value(const UsdPrim& prim, const std::string& operation, double value,
                              double neutral) const {
-    if (!(std::abs(value - neutral) <= kUsdRounding))
+    if (!(std::abs(value - neutral) <= kNeutralTolerance))
       fail(ErrorKind::data, "{}: the prim {} has the operation {}: only translations are supported", name_,
            prim.name, operation);
   }

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 // any file.
 #define UBS_IMPORT_SDF "import sys; sys.path[:] = [p for p in sys.path if p]; from pxr import Sdf; "
 // Converts a layer to the format of the target's extension. References are kept, not followed.
-constexpr const char* kUsdCopyScript = UBS_IMPORT_SDF
+constexpr const char* kCopyScript = UBS_IMPORT_SDF
     "layer = Sdf.Layer.FindOrOpen(sys.argv[1]); "
     "sys.exit(0 if layer and layer.Export(sys.argv[2]) else 1)";
 
@@ -47,7 +47,7 @@ UsdConverter find_usd_converter() {
   for (const char* name : {"python3", "python"})
     if (const fs::path python = find_program(name);
         !python.empty() && exit_code_of({python.string(), "-c", UBS_IMPORT_SDF}, log) == 0)
-      return {{python.string(), "-c", kUsdCopyScript}, false};
+      return {{python.string(), "-c", kCopyScript}, false};
   return {};
 }
 

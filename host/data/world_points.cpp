@@ -2,6 +2,8 @@
 // See world_points.hpp.
 #include "host/data/world_points.hpp"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -48,6 +50,9 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
     fail(ErrorKind::data, "{}: colours must be from 0 to 255 or from 0 to 1, found {}", name, largest);
 
   WorldPoints cloud;
+  std::vector<std::string> unused = unused_properties(header, properties);
+  for (std::string& element : unused_elements(header, 1)) unused.push_back(std::move(element));
+  cloud.unused = fmt::format("{}", fmt::join(unused, "; "));
   cloud.positions.resize(header.count);
   cloud.colours.assign(header.count, {127, 127, 127});
   for (std::size_t i = 0; i < header.count; ++i) {

@@ -16,6 +16,7 @@ namespace ubs {
 struct WorldPoints {
   std::vector<std::array<double, 3>> positions;
   std::vector<std::array<std::uint8_t, 3>> colours;  // same number as positions
+  std::string unused;  // names the columns and elements of the file that were not used; empty: none
 };
 
 // Throws Error(data) whose message starts with `where` if a point is not finite or beyond kMaxMagnitude

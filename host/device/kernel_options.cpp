@@ -18,10 +18,25 @@ Options gradient_options(const KernelConfig& config) {
   return options;
 }
 
+// The value of UBS_FALLOFF is UBS_FALLOFF_OWN of kernels/variant.h.
+Options own_falloff_options(const KernelConfig& config) {
+  if (!config.falloff) return {};
+  const OwnFalloff& own = *config.falloff;
+  // The hexadecimal form gives exactly this float.
+  return {"-DUBS_FALLOFF=2", "-DUBS_OWN_LOG2=" + own.log2, "-DUBS_OWN_R_SLOPE=" + own.r_slope,
+          "-DUBS_OWN_BETA_SLOPE=" + own.beta_slope, fmt::format("-DUBS_OWN_SUPPORT={:a}f", own.support)};
+}
+
 }  // namespace
 
 void append(Options& options, const Options& more) {
   options.insert(options.end(), more.begin(), more.end());
+}
+
+Options variant_options(const KernelConfig& config) {
+  Options options = variant_options(config.variant);
+  append(options, own_falloff_options(config));
+  return options;
 }
 
 Options variant_options(const ModelVariant& variant) {
@@ -32,9 +47,10 @@ Options variant_options(const ModelVariant& variant) {
   return options;
 }
 
-Options falloff_options(const ModelVariant& variant) {
-  if (variant.kernel == SpatialKernel{}) return {};
-  return {fmt::format("-DUBS_FALLOFF={}", static_cast<int>(variant.kernel))};
+Options falloff_options(const KernelConfig& config) {
+  if (config.falloff) return own_falloff_options(config);
+  if (config.variant.kernel == SpatialKernel{}) return {};
+  return {fmt::format("-DUBS_FALLOFF={}", static_cast<int>(config.variant.kernel))};
 }
 
 Options extent_options(const KernelConfig& config) {
@@ -64,7 +80,7 @@ Options raster_options(const KernelConfig& config) {
   Options options;
   if (config.depth) options.push_back("-DUBS_DEPTH=1");
   if (config.absgrad) options.push_back("-DUBS_ABSGRAD=1");
-  append(options, falloff_options(config.variant));
+  append(options, falloff_options(config));
   append(options, extent_options(config));
   append(options, gradient_options(config));
   append(options, arithmetic_options(config.math));

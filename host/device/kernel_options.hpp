@@ -15,10 +15,11 @@ using Options = std::vector<std::string>;
 
 void append(Options& options, const Options& more);
 
-// Returns the switches of kernels/variant.h.
+// Returns the switches of kernels/variant.h; for a config with its own falloff, if it has one.
 Options variant_options(const ModelVariant& variant);
+Options variant_options(const KernelConfig& config);
 // Returns only the switch of the spatial kernel.
-Options falloff_options(const ModelVariant& variant);
+Options falloff_options(const KernelConfig& config);
 // Returns the switches of projection and rasteriser that limit the work: the smallest alpha that contributes,
 // and whether there is a backward pass.
 Options extent_options(const KernelConfig& config);

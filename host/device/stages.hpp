@@ -10,6 +10,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -24,6 +25,14 @@ namespace ubs {
 
 enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item per pixel
 
+// A falloff of the user in place of (1 - r)^beta. Expressions of r and beta in the language of kernels/
+// (vreal, V(0.5), ubs_log and so on), without blanks. They are evaluated for 0 < r < support.
+struct OwnFalloff {
+  std::string log2;                 // log2 of the factor of the opacity
+  std::string r_slope, beta_slope;  // its derivatives
+  float support = 1;                // splats end at this r, the squared distance in units of the ellipse
+};
+
 // The configuration that is compiled into the kernels. Values that change between iterations are arguments
 // instead.
 struct KernelConfig {
@@ -34,7 +43,8 @@ struct KernelConfig {
   bool depth_grad = false;    // gradients of projected splats include the depth (kGradDepth)
   bool absgrad = false;       // kGradX and kGradY sum absolute values (UBS_ABSGRAD of kernels/variant.h)
   ModelVariant variant = {};  // variant of the method; together with `dim` it determines the parameter rows
-  float alpha_min = 0;        // contributions with alpha <= alpha_min are skipped; 0: none are skipped
+  std::optional<OwnFalloff> falloff = {};  // only with the kernel beta
+  float alpha_min = 0;  // contributions with alpha <= alpha_min are skipped; 0: none are skipped
   // Whether there is a backward pass. Without it there are no slots and masks, and training stages are
   // rejected.
   bool backward = true;

@@ -335,11 +335,20 @@ std::vector<ProgramUse> OpenclDevice::programs() const {
 
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources) {
-  ProgramSpec spec{std::move(sources), variant_options(config.variant)};
+  ProgramSpec spec{std::move(sources), variant_options(config)};
   spec.options.push_back(fmt::format("-DUBS_N={}", config.dim));
   spec.options.push_back(fmt::format("-DUBS_VW={}", device.vector_width()));
   append(spec.options, arithmetic_options(config.math));
   return spec;
+}
+
+Options exact_division_options(const OpenclDevice& device) {
+  if (device.info().type == DeviceType::cpu) return {};
+  cl_device_fp_config config = 0;
+  const bool known =
+      clGetDeviceInfo(device.id(), CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr) == CL_SUCCESS;
+  if (!known || !(config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT)) return {};
+  return {"-cl-fp32-correctly-rounded-divide-sqrt"};
 }
 
 }  // namespace ubs::opencl

@@ -29,6 +29,11 @@ class OpenclDevice;
 // vector width (UBS_VW).
 ProgramSpec splat_program(const OpenclDevice& device, const KernelConfig& config,
                           std::vector<std::string> sources);
+// Returns the option for correctly rounded divisions and square roots, if the device supports it, for the
+// projection and for Adam. By default OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a
+// square root, but the bounds in kernels/limits.h were determined with correct rounding. CPUs always round
+// correctly.
+Options exact_division_options(const OpenclDevice& device);
 
 class OpenclDevice final : public Device, public TunableDevice {
  public:

@@ -34,11 +34,20 @@ ProgramSpec parameter_program(std::vector<std::string> sources, unsigned width, 
 }
 
 // Returns the program for Adam, penalties and noise.
-ProgramSpec step_program(unsigned width, const KernelConfig& config) {
-  return parameter_program(
-      {"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl", "math/rotation.h",
-       "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
-      width, config);
+ProgramSpec step_program(const OpenclDevice& device, const KernelConfig& config) {
+  ProgramSpec spec =
+      parameter_program({"math/adam.h", "map/adam_row.h", "map/adam.cl", "map/regularise.cl",
+                         "math/rotation.h", "math/covariance.h", "math/mcmc.h", "math/rng.h", "map/noise.cl"},
+                        lanes(device, config), config);
+  append(spec.options, exact_division_options(device));
+  return spec;
+}
+
+// Returns a program for the Adam step of parameters that do not belong to splats.
+ProgramSpec small_step_program(const OpenclDevice& device, std::vector<std::string> sources) {
+  ProgramSpec spec{std::move(sources), {"-DUBS_VW=1"}};
+  append(spec.options, exact_division_options(device));
+  return spec;
 }
 
 // Returns the program for relocation and growth, including the prefix sum of the weights.
@@ -58,11 +67,11 @@ struct Kernels : Projection, Lists, Raster, ImageLossKernels, Appearance, Sky, P
         Appearance(
             device,
             {device, lanes(device, config), {"math/appearance.h", "map/row_sums.cl", "map/appearance.cl"}},
-            {device, 1, {"math/adam.h", "math/appearance.h", "map/appearance_step.cl"}}),
+            {device, 1,
+             small_step_program(device, {"math/adam.h", "math/appearance.h", "map/appearance_step.cl"})}),
         Sky(device, {device, lanes(device, config), sky_program(lanes(device, config))},
-            {device, 1, {"math/adam.h", "map/sky.h", "map/sky_step.cl"}}),
-        ParameterChanges(device, config,
-                         {device, lanes(device, config), step_program(lanes(device, config), config)},
+            {device, 1, small_step_program(device, {"math/adam.h", "map/sky.h", "map/sky_step.cl"})}),
+        ParameterChanges(device, config, {device, lanes(device, config), step_program(device, config)},
                          {device, 1, draw_program(config)}, {device, config, draw_program(config)}),
         Drawn(device, {device, 1, {"map/tile_rect.h", "map/drawn.cl"}}, {device, config}) {}
 

@@ -17,18 +17,6 @@ std::string large_register_option(const OpenclDevice& device) {
   return opencl::large_register_option(device_text(device.id(), CL_DEVICE_EXTENSIONS), version);
 }
 
-// Returns the option for correctly rounded divisions and square roots, if the device supports it. By default
-// OpenCL allows an error of 2.5 ulp in a division and of 3 ulp in a square root, but the bounds in
-// kernels/limits.h were determined with correct rounding. CPUs always round correctly.
-std::string exact_division_option(const OpenclDevice& device) {
-  if (device.info().type == DeviceType::cpu) return "";
-  cl_device_fp_config config = 0;
-  const bool known =
-      clGetDeviceInfo(device.id(), CL_DEVICE_SINGLE_FP_CONFIG, sizeof config, &config, nullptr) == CL_SUCCESS;
-  return known && config & CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT ? "-cl-fp32-correctly-rounded-divide-sqrt"
-                                                               : "";
-}
-
 bool learns_in_one_pass(const OpenclDevice& device, const KernelConfig& config) {
   return config.backward && device.info().type == DeviceType::cpu;
 }
@@ -53,8 +41,7 @@ ProgramSpec program(const OpenclDevice& device, const KernelConfig& config, Grad
   append(spec.options, frozen_options(config));
   if (const std::string option = large_register_option(device); config.backward && !option.empty())
     spec.options.push_back(option);
-  if (const std::string option = exact_division_option(device); !option.empty())
-    spec.options.push_back(option);
+  append(spec.options, exact_division_options(device));
   return spec;
 }
 

@@ -89,17 +89,21 @@ Exchange Raster::exchange() {
   if (exchange_) return *exchange_;
   exchange_ = Exchange::none;
   const bool wanted = tuned_value(device_.info().tuning, "UBS_SUBGROUPS", 1) != 0;
-  const Exchange kind =
-      on_cpu(config_) || !config_.backward || !wanted ? Exchange::none : exchange_kind(device_);
-  if (kind == Exchange::none) return *exchange_;
+  if (on_cpu(config_) || !config_.backward || !wanted) return *exchange_;
+  const Exchange kind = exchange_kind(device_);
   std::string fault;
-  try {
-    const ProgramSpec spec = device_.tuned(view_program(device_, config_, kind));
-    fault = fault_of_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup});
-    if (fault.empty()) fault = fault_of_values(device_, device_.kernel(spec, "exchange_check"));
-  } catch (const Error& error) {
-    if (error.kind() != ErrorKind::build) throw;
-    fault = error.what();
+  if (kind == Exchange::none) {
+    if (device_.info().type == DeviceType::cpu) return *exchange_;  // there local memory is no slower
+    fault = "its driver has no exchange of values between work-items (cl_khr_subgroup_shuffle)";
+  } else {
+    try {
+      const ProgramSpec spec = device_.tuned(view_program(device_, config_, kind));
+      fault = fault_of_rows(device_.kernel(spec, "raster_gpu_backward"), kind, {kGpuGroup});
+      if (fault.empty()) fault = fault_of_values(device_, device_.kernel(spec, "exchange_check"));
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::build) throw;
+      fault = error.what();
+    }
   }
   if (fault.empty())
     exchange_ = kind;

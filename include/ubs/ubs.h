@@ -275,6 +275,9 @@ typedef struct ubs_image {
   float* rgb;   /* (height, width, 3), not clamped; NULL: not needed */
   float* alpha; /* (height, width); NULL: not needed */
   float* depth; /* (height, width), expected depth [world]; NULL: not needed. Requires UBS_RENDER_DEPTH */
+  /* not 0: keeps what ubs_renderer_vjp needs to differentiate this image without rendering it again. Requires
+   * UBS_RENDER_GRADIENTS */
+  int32_t for_gradient;
 } ubs_image;
 
 typedef struct ubs_image_gradient {
@@ -306,6 +309,25 @@ typedef struct ubs_loss {
  * out here too. */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
+/* A falloff of splats in place of (1 - r)^beta: the opacity is multiplied by 2^log2 where r < support. The
+ * texts are expressions of r, the squared distance from the centre in units of the ellipse, and of the
+ * splat's beta, in OpenCL C and CUDA C++ as in kernels/math, without blanks. Both are a vreal, and V(0.5) is a
+ * number; operators are + - * / ?: and functions ubs_exp2, ubs_log, ubs_log2_1m (log2(1 - x)), ubs_sqrt,
+ * ubs_sin and ubs_cos. The library compiles the texts for the device as they are. */
+typedef struct ubs_falloff {
+  size_t size;
+  const char* log2;
+  const char* r_slope;    /* the derivative of log2 with respect to r */
+  const char* beta_slope; /* and with respect to beta */
+  float support;          /* above 0, at most 100 */
+} ubs_falloff;
+
+/* Like ubs_renderer_create, with a falloff of the program's own (NULL: that of the model), for models of the
+ * kernel "beta". Returns UBS_ERROR_BUILD if the device's compiler does not accept an expression. The library
+ * does not compare the results with float64; the Python package does. */
+UBS_API ubs_status ubs_renderer_create_falloff(ubs_device* device, const ubs_model* model,
+                                               const ubs_settings* settings, unsigned flags,
+                                               const ubs_falloff* falloff, ubs_renderer** renderer);
 UBS_API void ubs_renderer_free(ubs_renderer* renderer);
 /* Replaces the parameter values by those of another model, which must have the same groups, dimensions and
  * variant, and at most as many splats. */
@@ -315,7 +337,10 @@ UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* c
 /* Vector-Jacobian product. Renders the view and converts the gradient of a scalar with respect to its pixels
  * to the gradient with respect to every raw parameter. `gradient` receives it: a model of the same structure,
  * for example from ubs_model_copy, whose values are replaced. With NULL only the gradient with respect to the
- * camera is computed. Requires UBS_RENDER_GRADIENTS. */
+ * camera is computed. Requires UBS_RENDER_GRADIENTS.
+ * `camera`: NULL: differentiates the image that was rendered last, with for_gradient or by this function, and
+ * does not render it again. UBS_ERROR_USAGE if there is none, if gradients of alpha or depth were computed
+ * since, or if the parameters were replaced or their array was requested. */
 UBS_API ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
                                     const ubs_image_gradient* v_image, ubs_model* gradient);
 /* Computes the training loss against `target` (height, width, 3), where 1 - SSIM has the weight lambda_dssim.

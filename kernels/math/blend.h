@@ -3,6 +3,7 @@
 // (method.md 2.6, 3.1). All rasterisers use these functions. The lanes of a vector are pixels, and d is the mean of the
 // splat minus the pixel centre.
 // The kernel is (1 - r)^beta for r < 1. With UBS_FALLOFF_GAUSSIAN it is exp(-r/2) wherever alpha >= 1/255. With
+// UBS_FALLOFF_OWN it is 2^G for r < UBS_SUPPORT, where G is an expression of r and beta that the user gives. With
 // UBS_ALPHA_MIN a splat contributes only where alpha exceeds that limit.
 // The macros UBS_NO_V_SHAPE, UBS_NO_V_OPACITY, UBS_NO_V_BETA and UBS_NO_V_COLOUR say that the gradient of mean and
 // conic, of the opacity, of beta or of the colour is not requested; the sums for it then stay zero.
@@ -20,12 +21,22 @@ typedef struct {
   // p^2 + q^2, in units of the support radius (Gaussian: of the standard deviation). For the Beta kernel it is clamped
   // to the largest number below 1.
   vreal r;
-  vreal log2_1mr;  // log2(1 - r); undefined for a Gaussian
+  vreal log2_1mr;  // log2(1 - r); G of UBS_FALLOFF_OWN; undefined for a Gaussian
   vreal falloff;   // (1 - r)^beta
   vreal alpha;     // 0 outside the support
   vmask inside;    // r < 1 (Gaussian: alpha >= 1/255), and alpha > UBS_ALPHA_MIN if that is set
   vmask passes;    // inside, and alpha is below its maximum: the gradient is not zero
 } BlendAlpha;
+
+// The expressions of UBS_FALLOFF_OWN. Near the centre and the end of the support r is moved inwards, so that they and
+// their rounded terms stay finite there: their slope at most to where the Beta kernel limits its slope (UBS_RIM).
+UBS_FN vreal own_inside(vreal r, real rim) {
+  r = r < (vreal)(UBS_SUPPORT * (R(1.0) - rim)) ? r : (vreal)(UBS_SUPPORT * (R(1.0) - rim));
+  return r > (vreal)(UBS_SUPPORT * R(1e-12)) ? r : (vreal)(UBS_SUPPORT * R(1e-12));
+}
+UBS_FN vreal own_log2(vreal r, vreal beta) { return UBS_OWN_LOG2; }
+UBS_FN vreal own_r_slope(vreal r, vreal beta) { return UBS_OWN_R_SLOPE; }
+UBS_FN vreal own_beta_slope(vreal r, vreal beta) { return UBS_OWN_BETA_SLOPE; }
 
 // blend_begin() and blend_end() are the two halves of blend_alpha() and take about the same time. Rasterisers that
 // start a splat before they finish the previous one call them separately. The first half fills p, q, r, log2_1mr and
@@ -42,6 +53,10 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
     a.r = a.r < (vreal)(UBS_BELOW_ONE) ? a.r : (vreal)(UBS_BELOW_ONE);
     a.log2_1mr = ubs_log2_1m(a.r);
   }
+  if (UBS_FALLOFF == UBS_FALLOFF_OWN) {
+    a.r = own_inside(a.r, R(1e-6));
+    a.log2_1mr = own_log2(a.r, (vreal)(s.beta));
+  }
   a.falloff = a.alpha = V(0.0);
   a.passes = a.inside;
   return a;
@@ -49,8 +64,10 @@ UBS_FN BlendAlpha blend_begin(BlendSplat s, vreal dx, vreal dy) {
 UBS_FN BlendAlpha blend_end(BlendSplat s, BlendAlpha a) {
   // The exponent is set to 0 outside the support, so that falloff is 1 there. Values near 0 would produce denormal
   // products, which cost CPUs a quarter of the time of the rasteriser.
-  a.falloff = UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? ubs_exp2(R(-0.5) * UBS_LOG2E * (a.inside ? a.r : V(0.0)))
-                                                  : ubs_exp2(a.inside ? s.beta * a.log2_1mr : V(0.0));
+  vreal exponent = UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(-0.5) * UBS_LOG2E * a.r
+                   : UBS_FALLOFF == UBS_FALLOFF_OWN    ? a.log2_1mr
+                                                       : s.beta * a.log2_1mr;
+  a.falloff = ubs_exp2(a.inside ? exponent : V(0.0));
   vreal raw = s.opacity * a.falloff;
   if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) a.inside = a.inside & (raw >= (vreal)(UBS_ALPHA_MIN_GAUSSIAN));
   vreal most = (vreal)(UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? UBS_ALPHA_MAX_GAUSSIAN : UBS_ALPHA_MAX);
@@ -91,12 +108,13 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 //   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
 // Inside the support |(p, q)| < 1. In pixel coordinates, as sums of h d d^T, the short axis of a thin ellipse would be
 // lost in the rounding error of the long one.
-// For a Gaussian, h = v_alpha * alpha, and 1/2 takes the place of beta.
+// For a Gaussian, h = v_alpha * alpha, and 1/2 takes the place of beta. With UBS_FALLOFF_OWN,
+// h = -ln 2 dG/dr v_alpha * alpha, and 1 takes the place of beta.
 typedef struct {
   // h p, h q, h p^2, h p q, h q^2. With UBS_ABSGRAD the first two are |h p| and |l01 h p + l11 h q|.
   vreal hp, hq, hpp, hpq, hqq;
   vreal opacity;                // falloff * v_alpha
-  vreal log_beta;               // alpha log2(1-r) v_alpha
+  vreal log_beta;               // alpha log2(1-r) v_alpha; alpha dG/dbeta v_alpha with UBS_FALLOFF_OWN
   vreal r, g, b;                // weight * v_pixel
 } BlendSums;
 
@@ -136,8 +154,10 @@ UBS_FN BlendSums blend_vjp(BlendSums sums, BlendSplat s, BlendAlpha a, BlendStep
   vreal h = a.alpha * v_alpha;
 #ifndef UBS_NO_V_BETA
   if (UBS_FALLOFF == UBS_FALLOFF_BETA) sums.log_beta += h * a.log2_1mr;
+  if (UBS_FALLOFF == UBS_FALLOFF_OWN) sums.log_beta += h * own_beta_slope(a.r, (vreal)(s.beta));
 #endif
   if (UBS_FALLOFF == UBS_FALLOFF_BETA) h = h * (inverse * one_minus_alpha);
+  if (UBS_FALLOFF == UBS_FALLOFF_OWN) h = h * (-UBS_LN2 * own_r_slope(own_inside(a.r, UBS_RIM), (vreal)(s.beta)));
 #ifndef UBS_NO_V_SHAPE
   vreal hp = h * a.p;
   vreal hq = h * a.q;
@@ -166,6 +186,7 @@ typedef struct {
 UBS_FN BlendFactors blend_factors(BlendSplat s) {
   BlendFactors f;
   if (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN) s.beta = R(0.5);
+  if (UBS_FALLOFF == UBS_FALLOFF_OWN) s.beta = R(1.0);
   real twice = R(-2.0) * s.beta;
   f.xp = UBS_ABSGRAD ? ubs_fabs(twice * s.l00) : twice * s.l00;
   f.yp = UBS_ABSGRAD ? R(0.0) : twice * s.l01;

@@ -7,8 +7,9 @@
 // Returns 1 / (|a| + epsilon) from |a|^2. A pixel whose features are all zero keeps zero features.
 UBS_FN vreal lpips_inverse_norm(vreal square) { return V(1.0) / (ubs_sqrt(square) + R(1e-10)); }
 
-// Each product has its own statement, so that OpenCL does not fuse it and rounds both products. Equal features then
-// have distance 0.
+// Each product has its own statement. OpenCL does not fuse operations of different statements, so it rounds both
+// products, and equal features have distance 0 exactly. nvcc may fuse one of the products with the difference. Then
+// only the other product is rounded, and equal features have a distance of about 1e-15.
 UBS_FN vreal lpips_term(real weight, vreal a, vreal inverse_a, vreal b, vreal inverse_b) {
   vreal unit_a = a * inverse_a;
   vreal unit_b = b * inverse_b;

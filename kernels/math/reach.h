@@ -6,8 +6,9 @@
 
 // Requires opacity > 0. Beta: r = 1 - (limit / o)^(1 / beta); Gaussian: r = 2 ln(o / limit). The result is at most
 // UBS_SUPPORT, where the support ends, and 0 or negative if the splat has no effect anywhere. Used only with
-// UBS_OPACITY_EXTENTS.
+// UBS_OPACITY_EXTENTS. Expressions of the user have no inverse, so that their splats always reach the end.
 UBS_FN vreal splat_reach(vreal opacity, vreal beta) {
+  if (UBS_FALLOFF == UBS_FALLOFF_OWN) return (vreal)(UBS_SUPPORT);
   // The rasteriser computes alpha with a relative error of at most 1.1e-5 (an exponent of at most 20, times ln 2, times
   // 7.5e-7; see kernels/math/elementary.h). So no alpha contributes if the exact alpha is below the limit by more than
   // 2e-5.

@@ -20,6 +20,7 @@ torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
 
 import ubs  # noqa: E402
 import ubs.torch  # noqa: E402
+from ubs import _abi  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,46 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
         gradient[0].sum().backward()
     for name, values in splats.model().parameters.items():
         assert np.array_equal(values, model.parameters[name])
+
+
+def test_a_gradient_does_not_render_the_image_again(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
+    cameras = [view.camera for view in data.test]
+    weights = torch.randn(40, 40, 3), torch.randn(40, 40)
+    calls: list[str] = []
+    original = _abi.call
+    monkeypatch.setattr(_abi, "call", lambda name, *arguments: (calls.append(name), original(name, *arguments))[1])
+
+    def rendered() -> int:
+        number = calls.count("renderer_draw")
+        calls.clear()
+        return number
+
+    def gradient(image: Any, alpha: Any = None) -> Any:
+        loss = (image * weights[0]).sum() + (0 if alpha is None else (alpha * weights[1]).sum())
+        return torch.autograd.grad(loss, list(splats.parameters()), retain_graph=True)
+
+    first, first_alpha = splats(cameras[0])
+    alone = gradient(first)
+    assert rendered() == 1
+    both = gradient(first, first_alpha)
+    assert rendered() == 0
+    again = gradient(first)  # the gradient of alpha has used up the image
+    assert rendered() == 1
+    second, _ = splats(cameras[1])
+    after = gradient(first)  # the image on the device is the second one
+    other = gradient(second)
+    assert rendered() == 3
+    with torch.no_grad():
+        splats(cameras[0])
+        splats.xyz += 0.01
+    assert rendered() == 1
+    moved = gradient(splats(cameras[0])[0])
+    assert rendered() == 1
+    for same in (again, after):
+        assert all(torch.equal(a, b) for a, b in zip(alone, same))
+    for changed in (both, other, moved):
+        assert not all(torch.equal(a, b) for a, b in zip(alone, changed))
 
 
 def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None:
@@ -312,12 +353,12 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
     gradient = ubs.vjp(model, camera, weights.numpy())
     for name, parameter in splats.named_parameters():
         assert np.array_equal(parameter.grad, gradient[name]) and np.abs(gradient[name]).max() > 0
-    monkeypatch.undo()  # a gradient of alpha passes through the host
     with torch.no_grad():
         splats.rgb += 0.5
     rgb, alpha = splats(camera)
     splats.zero_grad()
     (rgb.sum() + alpha.sum()).backward()
+    monkeypatch.undo()
     changed = splats.model()
     assert np.array_equal(rgb.detach(), changed.render(camera))
     gradient = ubs.vjp(changed, camera, np.ones(rgb.shape), np.ones(alpha.shape))

@@ -23,6 +23,7 @@ from ._errors import (
     OutOfMemoryError,
     UsageError,
 )
+from ._falloff import Falloff
 from ._model import CameraGradient, Image, Loss, Model, Renderer, loss, vjp
 from ._settings import settings
 from ._training import Metrics, Step, Trainer, train
@@ -38,6 +39,7 @@ __all__ = [
     "DeviceError",
     "DeviceInfo",
     "Error",
+    "Falloff",
     "FaultyDeviceError",
     "Image",
     "InternalError",

@@ -125,7 +125,7 @@ class Parameter(Struct):
 
 
 class Image(Struct):
-    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p)]
+    _fields_ = [("size", c_size_t), ("rgb", c_void_p), ("alpha", c_void_p), ("depth", c_void_p), ("for_gradient", c_int32)]
 
 
 class ImageGradient(Struct):
@@ -159,6 +159,10 @@ class Array(Struct):
 
 
 ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient")  # in the order of ubs_array_name
+
+
+class Falloff(Struct):
+    _fields_ = [("size", c_size_t), ("log2", c_char_p), ("r_slope", c_char_p), ("beta_slope", c_char_p), ("support", c_float)]
 
 
 class Loss(Struct):
@@ -236,7 +240,7 @@ _FUNCTIONS: dict[str, list[Any]] = {
     "model_get_info": [_model, POINTER(ModelInfo)],
     "model_get_parameter": [_model, c_uint32, c_uint32, POINTER(Parameter)],
     "model_get_settings": [_model, _out],
-    "renderer_create": [_device, _model, _settings, c_uint, _out],
+    "renderer_create_falloff": [_device, _model, _settings, c_uint, POINTER(Falloff), _out],
     "renderer_update": [_renderer, _model],
     "renderer_draw": [_renderer, POINTER(Camera), POINTER(Image)],
     "renderer_vjp": [_renderer, POINTER(Camera), POINTER(ImageGradient), _model],

@@ -21,6 +21,8 @@ class Drawing:
         self.device, self.depth, self.settings = opened(device), depth, settings or {}
         self.names = list(self.model.parameters)
         self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
+        # What the last image was rendered for, while the device has what its gradient needs; set by ubs.torch.
+        self.kept: object = None
         self._make()
 
     def _make(self) -> None:
@@ -39,6 +41,7 @@ class Drawing:
     def resize(self, shapes: Sequence[Sequence[int]]) -> None:
         """Changes the number of splats to that of parameters with these shapes, which are in the order of names.
         UsageError if the shapes do not fit together."""
+        self.kept = None
         splats = shapes[0][0] if len(shapes[0]) == 2 else -1
         for name, shape in zip(self.names, shapes):
             expected = (splats, self.values[name].shape[1])

@@ -20,6 +20,7 @@ from ._data import Camera, Dataset, FloatArray, c_pointer, check_range, floats
 from ._device import Device, DeviceLike, opened
 from ._dlpack import DeviceArray
 from ._errors import UsageError
+from ._falloff import Falloff, as_falloff
 from ._settings import Settings
 
 
@@ -224,6 +225,30 @@ class Model(_abi.Handle):
         return renderer.array("rgb").seen()
 
 
+_checked: weakref.WeakKeyDictionary[Device, set[Any]] = weakref.WeakKeyDictionary()
+_checked_lock = threading.Lock()
+
+
+def _check_falloff(falloff: Falloff, device: Device, raster: str) -> None:
+    """Compares a falloff on a device with float64 before its first use there."""
+
+    def renderer_of(model: Model) -> Renderer:
+        renderer = Renderer.__new__(Renderer)
+        renderer.device = device
+        renderer._create(model, False, True, False, falloff, {"raster": raster})
+        return renderer
+
+    def model_of(splats: int) -> Model:
+        return Model.empty(dim=3, splats=splats, cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
+                           background=(0, 0, 0))
+
+    with _checked_lock:
+        done = _checked.setdefault(device, set())
+        if (falloff, raster) not in done:
+            falloff.check(renderer_of, model_of, repr(device))
+            done.add((falloff, raster))
+
+
 def _model_of(file: bytes) -> Model:
     with tempfile.TemporaryDirectory(prefix="ubs-") as folder:
         (Path(folder) / "model.ply").write_bytes(file)
@@ -233,8 +258,10 @@ def _model_of(file: bytes) -> Model:
 class Renderer(_abi.Handle):
     """A model on a device. `settings` are those for rendering, such as background; the others are those that the model
     states. With `gradients` they include the path through the view direction to the positions of splats; the setting
-    query_grad=False leaves it out, as training does and publications do. `absgrad`: vjp() uses the absolute value of what each pixel contributes to the gradient of a splat's position
-    in the image, for x and y separately, which is a criterion for densification; requires `gradients`."""
+    query_grad=False leaves it out, as training does and publications do. `absgrad`: vjp() uses the absolute value of
+    what each pixel contributes to the gradient of a splat's position in the image, for x and y separately, which is a
+    criterion for densification; requires `gradients`. `falloff`: how the opacity of splats falls off from their centre,
+    in place of the kernel beta; a text is that of ubs.Falloff. Model files do not record it."""
 
     def __init__(
         self,
@@ -244,9 +271,18 @@ class Renderer(_abi.Handle):
         depth: bool = False,
         gradients: bool = False,
         absgrad: bool = False,
+        falloff: Falloff | str | None = None,
         **settings: Any,
     ) -> None:
         self.device: Device = opened(device)
+        if falloff is not None:
+            falloff = as_falloff(falloff)
+            _check_falloff(falloff, self.device, settings.get("raster", "auto"))
+        self._create(model, depth, gradients, absgrad, falloff, settings)
+
+    def _create(
+        self, model: Model, depth: bool, gradients: bool, absgrad: bool, falloff: Falloff | None, settings: dict[str, Any]
+    ) -> None:
         self.capacity = len(model)  # update() takes at most as many splats
         self._depth = depth
         self._like: Model | None = model.copy() if gradients else None  # receives gradients; not visible to the caller
@@ -260,9 +296,11 @@ class Renderer(_abi.Handle):
                 chosen.set(key, value)
             _abi.call("settings_check", chosen, _abi.USE_RENDERER)
         self._v_rgb = 0  # address of the last returned array
+        self._kept_size = 0, 0  # of the last image that was rendered for a gradient
         self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
         self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
-        super().__init__("renderer", "renderer_create", self.device, model, chosen, flags)
+        own = None if falloff is None else ctypes.byref(falloff.to_c())
+        super().__init__("renderer", "renderer_create_falloff", self.device, model, chosen, flags, own)
 
     def __repr__(self) -> str:
         return f"<ubs.Renderer of at most {self.capacity} splats on {self.device!r}>"
@@ -313,11 +351,14 @@ class Renderer(_abi.Handle):
             _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
         return Image(rgb, weight, depth)
 
-    def draw(self, camera: Camera) -> None:
-        """Renders a view and leaves it on the device, where array() gives access to it."""
+    def draw(self, camera: Camera, *, for_gradient: bool = False) -> None:
+        """Renders a view and leaves it on the device, where array() gives access to it. `for_gradient`: vjp(None, ...)
+        can differentiate this image without rendering it again."""
+        image = _abi.Image(for_gradient=for_gradient)
         with self._lock:
             self._take_size(camera.height, camera.width)
-            _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(_abi.Image()))
+            _abi.call("renderer_draw", self, ctypes.byref(camera.to_c()), ctypes.byref(image))
+            self._kept_size = camera.height, camera.width
 
     def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
         """Returns an array in the memory of the device, for torch.from_dlpack and similar functions (on a CPU also
@@ -356,7 +397,7 @@ class Renderer(_abi.Handle):
 
     def vjp(
         self,
-        camera: Camera,
+        camera: Camera | None,
         v_rgb: npt.ArrayLike | DeviceArray | None = None,
         v_alpha: npt.ArrayLike | None = None,
         v_depth: npt.ArrayLike | None = None,
@@ -364,9 +405,11 @@ class Renderer(_abi.Handle):
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
         """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
-        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None."""
+        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. camera: None:
+        differentiates the image of the last draw(camera, for_gradient=True) or vjp(camera), and does not render it
+        again. UsageError if the parameters were replaced or requested since, or gradients of alpha or depth computed."""
         into = self._gradients()
-        size = (camera.height, camera.width)
+        size = self._kept_size if camera is None else (camera.height, camera.width)
         # Any other address would be read as host memory
         if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
             raise UsageError('v_rgb is an array of a device, and not what array("v_rgb") of this renderer gave last')
@@ -377,9 +420,9 @@ class Renderer(_abi.Handle):
         v = _abi.ImageGradient(rgb=on_device or c_pointer(rgb), alpha=c_pointer(alpha), depth=c_pointer(depth))
         with self._lock:
             self._take_size(*size)
-            _abi.call(
-                "renderer_vjp", self, ctypes.byref(camera.to_c()), ctypes.byref(v), into if parameters else None
-            )
+            seen = None if camera is None else ctypes.byref(camera.to_c())
+            _abi.call("renderer_vjp", self, seen, ctypes.byref(v), into if parameters else None)
+            self._kept_size = size
             return _copied(into) if parameters else []
 
     def camera_gradient(self) -> CameraGradient:

@@ -17,8 +17,10 @@ import torch
 from torch import Tensor
 
 from ._data import Camera
+from ._dlpack import DeviceArray
 from ._device import Device, DeviceLike, opened
 from ._errors import NumericalError, UsageError
+from ._falloff import Falloff
 from ._model import Model, Renderer
 
 Result = TypeVar("Result")
@@ -38,22 +40,24 @@ FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 class Slot:
     """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
-    lock while using it. `kernel`: a key of NAMES. With `absgrad`, the gradients of xyz sum absolute values."""
+    lock while using it. `kernel`: a key of NAMES. With `absgrad`, the gradients of xyz sum absolute values. `falloff`
+    takes the place of the kernel beta."""
 
-    def __init__(self, device: Device, room: int, kernel: str, absgrad: bool) -> None:
-        self.device, self.room, self.kernel, self.absgrad = device, room, kernel, absgrad
+    def __init__(self, device: Device, room: int, kernel: str, absgrad: bool, falloff: Falloff | None) -> None:
+        self.device, self.room, self.kernel, self.absgrad, self.falloff = device, room, kernel, absgrad, falloff
         self.lock = threading.Lock()
         self.model = Model.empty(
             dim=3, splats=room, kernel=kernel, cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
             background=(0, 0, 0),
         )
-        self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad)
+        self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad, falloff=falloff)
         values = self.model.parameters
         if tuple(values) != NAMES[kernel]:
             raise UsageError(f"the library has the parameters {tuple(values)}, this package expects {NAMES[kernel]}")
         self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
+        self.kept = False  # whether the device has what the gradient of the image of these values needs
         try:
             self.renderer.array("parameters")
             self.shared = True  # memory is shared with other packages: CUDA, or a CPU with PoCL
@@ -70,7 +74,7 @@ class Slot:
 
     def put(self, holder: object, values: dict[str, Tensor]) -> None:
         """Copies rows (values per splat, splats) of these parameters to the device."""
-        self.holds = None
+        self.holds, self.kept = None, False
         parts = self._split(self._array("parameters")) if self.shared else self.host
         for name, value in values.items():
             parts[name][:, : value.shape[1]].copy_(value)
@@ -84,12 +88,13 @@ class Slot:
             self.renderer.update(self.model)
         self.holds = holder
 
-    def draw(self, camera: Camera, where: torch.device) -> tuple[Tensor, Tensor]:
+    def draw(self, camera: Camera, where: torch.device, for_gradient: bool) -> tuple[Tensor, Tensor]:
         """Renders, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
         if not self.shared:
             image = self.renderer.render(camera)
             return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)
-        self.renderer.draw(camera)
+        self.renderer.draw(camera, for_gradient=for_gradient)
+        self.kept = for_gradient
         rgb = torch.empty((camera.height, camera.width, 3), dtype=torch.float32, device=where)
         rgb.copy_(self._array("rgb"))
         alpha = (1 - self._array("transmittance")).to(where)
@@ -98,20 +103,16 @@ class Slot:
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
         """Returns gradients of the used rows of each parameter. They are valid until the next call."""
-        if self.shared and v_rgb is not None and v_alpha is None:
-            array = self.renderer.array("v_rgb", size=(camera.height, camera.width))
-            into = cast(Any, torch).from_dlpack(array)
-            into.copy_(v_rgb)
-            _wait(into, v_rgb)
-            self.renderer.vjp(camera, array, parameters=False)
-        else:
-            host = [None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)]
-            found = self.renderer.vjp(camera, *host, parameters=not self.shared)
         if self.shared:
+            if not self.kept:
+                self.renderer.draw(camera, for_gradient=True)
+            self.kept = v_alpha is None
+            self.renderer.vjp(None, gradient_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
             rows = self._array("gradient")[:, : self.used]
             if not is_finite(rows):
                 raise NumericalError("a gradient of the splats is not finite")
             return self._split(rows)
+        found = self.renderer.vjp(camera, *(None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)))
         return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in found[0].items()}
 
 
@@ -121,16 +122,45 @@ def _wait(*tensors: Tensor) -> None:
         torch.cuda.current_stream(device).synchronize()
 
 
+MIN_SHARE = 2.0**-30  # kMinShare of host/pipeline/image_gradient.cpp
+
+
+def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> DeviceArray:
+    """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the device.
+    Returns the array for Renderer.vjp(None, ...). The gradient of alpha changes the image: the background that it would
+    need behind it is added to one channel (host/pipeline/image_gradient.hpp), so the image cannot be differentiated a
+    second time."""
+    array = renderer.array("v_rgb", size=(camera.height, camera.width))
+    into: Tensor = cast(Any, torch).from_dlpack(array)
+    if v_rgb is not None:  # otherwise the array has zeros
+        into.copy_(v_rgb)
+    if v_alpha is not None:
+        image: Tensor = cast(Any, torch).from_dlpack(renderer.array("rgb"))
+        left: Tensor = cast(Any, torch).from_dlpack(renderer.array("transmittance"))
+        v_alpha = v_alpha.to(into.device)
+        most = into.abs().argmax(-1, keepdim=True)
+        v = into.gather(-1, most)[..., 0]
+        v = torch.where(v.abs() < MIN_SHARE * v_alpha.abs(), MIN_SHARE * v_alpha, v)
+        into.scatter_(-1, most, v[..., None])
+        change = torch.where(v_alpha == 0, torch.zeros_like(v), -v_alpha * left / v)
+        image.scatter_add_(-1, most, change[..., None])
+    _wait(into, *(t for t in (v_rgb, v_alpha) if t is not None))
+    return array
+
+
 _slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
-def slot_for(device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: bool = False) -> Slot:
+def slot_for(
+    device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: bool = False, falloff: Falloff | None = None
+) -> Slot:
     """Returns a kept renderer whose capacity fits `count` splats and is not many times larger, or a new one with
     reserve."""
     where = opened(device)
     with _slots_lock:
-        alike = [s for s in _slots if (s.device, s.kernel, s.absgrad) == (where, kernel, absgrad)]
+        form = where, kernel, absgrad, falloff
+        alike = [s for s in _slots if (s.device, s.kernel, s.absgrad, s.falloff) == form]
         fitting = [s for s in alike if count <= s.room <= 4 * count + 4096]
         if fitting:
             slot = min(fitting, key=lambda s: s.room)
@@ -138,7 +168,7 @@ def slot_for(device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: 
         else:
             # Remove renderers that have become too small for their scene.
             _slots[:] = [s for s in _slots if s not in alike or not count / 2 <= s.room < count]
-            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, kernel, absgrad)
+            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, kernel, absgrad, falloff)
         _slots.append(slot)
         del _slots[:-FREE_SLOTS]
     return slot
@@ -262,19 +292,21 @@ class AbsGrad:
 
 
 class Draw(torch.autograd.Function):
-    """Inputs: (width, height), a device of ubs, an AbsGrad or None, means2d (n, 2), factor (3, n), depths (n,), colors
-    (n, D), opacities (n,), betas (n,) or None. Outputs: the image (H, W, D) and its alpha (H, W). The device renders three channels at a
-    time."""
+    """Inputs: whether gradients are recorded, (width, height), a device of ubs, an AbsGrad or None, a Falloff or None,
+    means2d (n, 2), factor (3, n), depths (n,), colors (n, D), opacities (n,), betas (n,) or None. Outputs: the image (H,
+    W, D) and its alpha (H, W). The device renders three channels at a time."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
-        size: tuple[int, int] = inputs[0]
-        device: DeviceLike = inputs[1]
-        means2d, factor, depths, colors, opacities, betas = inputs[3:]
+        recorded: bool = inputs[0]
+        size: tuple[int, int] = inputs[1]
+        device: DeviceLike = inputs[2]
+        falloff: Falloff | None = inputs[4]
+        means2d, factor, depths, colors, opacities, betas = inputs[5:]
         where, (width, height) = means2d.device, size
         ctx.save_for_backward(means2d, factor, depths, colors, opacities, betas)
         ctx.set_materialize_grads(False)
-        ctx.size, ctx.slot, ctx.absgrad = size, None, inputs[2]
+        ctx.size, ctx.slot, ctx.absgrad = size, None, inputs[3]
         count, channels = colors.shape
         if count == 0:
             return colors.new_zeros((height, width, channels)), colors.new_zeros((height, width))
@@ -283,14 +315,14 @@ class Draw(torch.autograd.Function):
             if not is_finite(tensor):
                 raise NumericalError(f"the projected {name} of a splat is not finite: its parameters are too large")
         ctx.camera = _camera(size)
-        ctx.slot = slot_for(device, count, "gaussian" if betas is None else "beta")
+        ctx.slot = slot_for(device, count, "gaussian" if betas is None else "beta", falloff=falloff)
         ctx.holder = object()
         images = []
         with ctx.slot.lock:
             for first in range(0, max(channels, 1), 3):
                 values = {"rgb": _three(colors, first, depths)}
                 ctx.slot.put((ctx.holder, first), {**rows.as_values(), **values} if first == 0 else values)
-                rgb, alpha = ctx.slot.draw(ctx.camera, where)
+                rgb, alpha = ctx.slot.draw(ctx.camera, where, recorded and any(ctx.needs_input_grad))
                 images.append(rgb)
         image = images[0] if len(images) == 1 else torch.cat(images, -1)
         return image[..., :channels], alpha
@@ -320,7 +352,7 @@ class Draw(torch.autograd.Function):
                     total = [a + b for a, b in zip(total, rows.gradients(v))]
                     _wait(*total)
             if ctx.absgrad is not None:
-                slot = slot_for(slot.device, len(means2d), slot.kernel, absgrad=True)
+                slot = slot_for(slot.device, len(means2d), slot.kernel, absgrad=True, falloff=slot.falloff)
                 with slot.lock:
                     for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
                         values = {"rgb": _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}
@@ -330,7 +362,7 @@ class Draw(torch.autograd.Function):
         if ctx.absgrad is not None:
             ctx.absgrad.put(sums)
         v_betas = None if betas is None else total[3]
-        return (None, None, None, total[0], total[1], None, v_colors, total[2], v_betas)
+        return (None, None, None, None, None, total[0], total[1], None, v_colors, total[2], v_betas)
 
 
 def _camera(size: tuple[int, int]) -> Camera:
@@ -360,11 +392,14 @@ def draw(
     colors: Tensor,
     opacities: Tensor,
     betas: Tensor | None = None,
+    falloff: Falloff | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Renders ellipses. Returns an image (H, W, D) without a background, and its alpha (H, W).
 
     means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
     which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1. betas
-    (n,): exponents of Beta kernels; None: Gaussians."""
-    image, alpha = Draw.apply(size, device, absgrad, means2d, factor, depths, colors, opacities, betas)
+    (n,): exponents of Beta kernels; None: Gaussians. falloff: in place of Beta kernels."""
+    image, alpha = Draw.apply(
+        torch.is_grad_enabled(), size, device, absgrad, falloff, means2d, factor, depths, colors, opacities, betas
+    )
     return image, alpha

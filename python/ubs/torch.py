@@ -29,9 +29,10 @@ from ._data import Camera, FloatArray
 from ._device import DeviceLike, opened
 from ._drawing import Drawing
 from ._errors import NumericalError, UsageError
+from ._falloff import Falloff, as_falloff
 from ._model import CameraGradient, Model
 from ._raster import draw as _draw_ellipses
-from ._raster import extremes, is_finite
+from ._raster import extremes, gradient_on_device, is_finite
 from ._settings import as_text
 
 __all__ = ["Splats", "condition", "condition_direct", "rasterize", "render"]
@@ -79,34 +80,41 @@ def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
     _wait(rows)
 
 
-def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor]) -> tuple[Tensor, ...]:
+def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], reason: object) -> tuple[Tensor, ...]:
+    """`reason`: identifies the image for _differentiate(); None: it will not be differentiated."""
     _put(drawing, parameters)
     if not _is_shared(drawing, parameters[0]):
         image = drawing.renderer.render(camera)
         pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
         return tuple(torch.from_numpy(picture).to(parameters[0].device) for picture in pictures)
-    drawing.renderer.draw(camera)
+    drawing.renderer.draw(camera, for_gradient=reason is not None)
+    drawing.kept = reason
     pair = (_copy(drawing, "rgb"), 1 - _shared(drawing, "transmittance"))
     return (*pair, _copy(drawing, "depth")) if drawing.depth else pair
 
 
 def _differentiate(
-    drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], v: Sequence[Tensor | None]
+    drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], v: Sequence[Tensor | None], reason: object
 ) -> list[Tensor]:
     """Returns contiguous gradients of each parameter, because a transposed gradient slows down every later
     operation."""
-    _put(drawing, parameters)  # another image may have been rendered since
-    if not _is_shared(drawing, parameters[0]):
+    shared = _is_shared(drawing, parameters[0])
+    if drawing.kept is not reason:  # another image has been rendered since
+        _put(drawing, parameters)
+        if shared:
+            drawing.renderer.draw(camera, for_gradient=True)
+            drawing.kept = reason
+    if not shared:
         found = drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v))[0]
         where = parameters[0].device
         return [torch.from_numpy(found[name]).contiguous().to(where) for name in drawing.names]
-    if v[0] is not None and all(t is None for t in v[1:]):
-        array = drawing.renderer.array("v_rgb", size=(camera.height, camera.width))
-        torch.from_dlpack(array).copy_(v[0])
-        _wait(v[0])
-        drawing.renderer.vjp(camera, array, parameters=False)
+    if len(v) < 3 or v[2] is None:
+        if v[1] is not None:
+            drawing.kept = None
+        drawing.renderer.vjp(None, gradient_on_device(drawing.renderer, camera, v[0], v[1]), parameters=False)
     else:
-        drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v), parameters=False)
+        drawing.kept = None
+        drawing.renderer.vjp(None, *(None if t is None else _array(t) for t in v), parameters=False)
     rows = _shared(drawing, "gradient")
     if not bool(torch.isfinite(rows).all()):
         raise NumericalError("a gradient of the parameters is not finite")
@@ -178,18 +186,19 @@ def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 class _Render(torch.autograd.Function):
-    """Inputs: the drawing; a camera; pose, intrinsics and time that replace those of the camera, or None; the
-    parameters."""
+    """Inputs: whether gradients are recorded; the drawing; a camera; pose, intrinsics and time that replace those of the
+    camera, or None; the parameters."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any, **_: Any) -> tuple[Tensor, ...]:
-        drawing, camera, *ctx.view = inputs[:5]
-        parameters: tuple[Tensor, ...] = inputs[5:]
+        recorded, drawing, camera, *ctx.view = inputs[:6]
+        parameters: tuple[Tensor, ...] = inputs[6:]
         ctx.drawing, ctx.camera = drawing, _seen(camera, *ctx.view)
         ctx.save_for_backward(*parameters)
         ctx.set_materialize_grads(False)
+        ctx.reason = object() if recorded and any(ctx.needs_input_grad) else None
         with drawing.lock:
-            return _draw(drawing, ctx.camera, parameters)
+            return _draw(drawing, ctx.camera, parameters, ctx.reason)
 
     @staticmethod
     @_first_order
@@ -198,7 +207,7 @@ class _Render(torch.autograd.Function):
         view: list[Tensor | None] = [None, None, None]
         seen = any(t is not None and t.requires_grad for t in ctx.view)
         with drawing.lock:
-            found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures)
+            found = _differentiate(drawing, ctx.camera, ctx.saved_tensors, v_pictures, ctx.reason)
             camera = drawing.renderer.camera_gradient() if seen else None
         if camera is not None:
             for k, of in enumerate((_v_pose, _v_intrinsics, _v_time)):
@@ -206,13 +215,13 @@ class _Render(torch.autograd.Function):
                 if given is not None:
                     values = torch.as_tensor(of(given, camera), dtype=given.dtype, device=given.device)
                     view[k] = values.reshape(given.shape)
-        return (None, None, *view, *found)
+        return (None, None, None, *view, *found)
 
 
 class Splats(torch.nn.Module):
     """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
     in Model.parameters, such as `xyz`. They may be replaced by parameters of another number of splats. With `depth`,
-    images include depth. `settings`: those of ubs.Renderer, such as background. The module can be copied and saved."""
+    images include depth. `settings`: those of ubs.Renderer, such as background, and its `falloff`. The module can be copied and saved."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()
@@ -238,7 +247,7 @@ class Splats(torch.nn.Module):
         and differentiated, so that an optimiser can change the matrix itself. DataError if a singular value is not
         between 0.9 and 1.1."""
         pictures: tuple[Tensor, ...] = _Render.apply(
-            self._drawing, camera, pose, intrinsics, time, *self._tensors()
+            torch.is_grad_enabled(), self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
         return pictures
 
@@ -264,6 +273,7 @@ def render(
     intrinsics: Tensor | None = None,
     time: Tensor | None = None,
     device: DeviceLike = None,
+    falloff: Falloff | str | None = None,
     **settings: Any,
 ) -> tuple[Tensor, ...]:
     """Renders splats from their raw parameters. The number of splats may be another one in each call, 0 included.
@@ -272,13 +282,15 @@ def render(
     **settings).parameters; their activations are part of rendering (docs/method.md 1.1). settings: those of
     ubs.Model.empty(), such as conditioning="direct", kernel="gaussian", colour="sh3", background=(1, 1, 1), and
     query_grad=False, which leaves out gradients through the view direction. pose, intrinsics, time: see
-    Splats.forward().
+    Splats.forward(). falloff: see ubs.Renderer.
 
     Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if requested."""
     given = dict(parameters)
     of_renderer = {key: settings.pop(key) for key in ("query_grad", "raster", "math") if key in settings}
     where = opened(device)
-    key = (where, dim, depth, *sorted((k, as_text(v)) for k, v in {**settings, **of_renderer}.items()))
+    own = None if falloff is None else as_falloff(falloff)
+    key = (where, dim, depth, own, *sorted((k, as_text(v)) for k, v in {**settings, **of_renderer}.items()))
+    of_renderer["falloff"] = own
     with _kept_lock:
         drawing = _kept.pop(key, None) or Drawing(Model.empty(dim, 1, **settings), where, depth, of_renderer)
         _kept[key] = drawing  # the most recently used one is at the end
@@ -288,14 +300,16 @@ def render(
         raise UsageError(f"the parameters are {', '.join(given)}: this form has {', '.join(drawing.names)}")
     tensors = [given[name] for name in drawing.names]
     if tensors[0].shape[:1] != (0,):
-        pictures: tuple[Tensor, ...] = _Render.apply(drawing, camera, pose, intrinsics, time, *tensors)
+        pictures: tuple[Tensor, ...] = _Render.apply(
+            torch.is_grad_enabled(), drawing, camera, pose, intrinsics, time, *tensors
+        )
         return pictures
     # A model has at least one splat: render one that is transparent, and connect the result with the parameters.
     none = cast(Tensor, sum(tensor.sum() for tensor in tensors))
     transparent = [tensor.new_full((1, *tensor.shape[1:]), -1e3 if name == "opacity" else 0.0)
                    for name, tensor in zip(drawing.names, tensors)]
     with torch.no_grad():
-        empty: tuple[Tensor, ...] = _Render.apply(drawing, camera, pose, intrinsics, time, *transparent)
+        empty: tuple[Tensor, ...] = _Render.apply(False, drawing, camera, pose, intrinsics, time, *transparent)
     return tuple(picture + none for picture in empty)
 
 
@@ -320,6 +334,7 @@ def rasterize(
     height: int,
     background: Tensor | None = None,
     device: DeviceLike = None,
+    falloff: Falloff | str | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Rasterises n projected splats: sorts them by depth and composites them front to back (docs/method.md 2.6).
 
@@ -329,6 +344,8 @@ def rasterize(
 
     betas (n,): positive exponents of Beta kernels; a splat is opacity * (1 - r)^beta where r < 1, with r = d^T covs2d^-1
     d and d the distance to the centre. None: Gaussians, opacity * exp(-r / 2) where that is at least 1/255.
+
+    falloff: a ubs.Falloff, or its text, in place of (1 - r)^beta; without betas they are 1.
 
     background (D,): the colour behind the splats; None: 0. Returns the image (height, width, D) and its alpha (height,
     width). All float32 arguments but depths have gradients."""
@@ -349,6 +366,9 @@ def rasterize(
         _check_tensor("betas", betas, (n,), means2d)
         if n > 0 and extremes(betas)[0] <= 0:
             raise UsageError("betas must be positive")
+    own = None if falloff is None else as_falloff(falloff)
+    if own is not None and betas is None:
+        betas = torch.ones_like(opacities)
     a, c = covs2d[:, 0, 0], covs2d[:, 1, 1]
     b = (covs2d[:, 0, 1] + covs2d[:, 1, 0]) / 2
     determinant = a * c - b * b
@@ -356,7 +376,9 @@ def rasterize(
         raise UsageError("covs2d must be positive definite: add a blur, such as 0.3 on the diagonal")
     l00 = a.sqrt()
     factor = torch.stack([l00, b / l00, (determinant / a).sqrt()])
-    image, alpha = _draw_ellipses((width, height), device, None, means2d, factor, depths, colors, opacities, betas)
+    image, alpha = _draw_ellipses(
+        (width, height), device, None, means2d, factor, depths, colors, opacities, betas, own
+    )
     if background is not None:
         _check_tensor("background", background, (colors.shape[-1],), means2d)
         image = image + (1 - alpha)[..., None] * background

@@ -353,7 +353,7 @@ TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", 
   model.row(model.layout().l_triangle)[0] = 1;
   write_splat_ply(folder / "a.ply", model);
   CHECK(ubs_ok(folder, "convert a.ply b.ply").out.find("antialiasing") == std::string::npos);
-  CHECK_THAT(get(folder / "b.ply"), Contains("comment SplatRenderMode: mip\n"));
+  CHECK_THAT(get(folder / "b.ply"), Contains("comment SplatRenderMode: mip\ncomment antialiased 1\n"));
   CHECK_THAT(ubs_ok(folder, "info b.ply").out, Contains("antialias on"));
   CHECK_THAT(ubs_ok(folder, "convert a.ply b.glb").out, Contains("antialiasing"));
 }

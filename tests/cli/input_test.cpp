@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the executable makes of hostile and unlucky input: names that would leave the output folder, files
-// outside of the data, paths that no text can hold, names that are too long.
+// outside of the data, paths that no text can hold, names that are too long. Resuming a run with such a path
+// is tested in resume_test.cpp.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -195,18 +196,6 @@ TEST_CASE("cli: a data path that no text can hold survives in every file") {
   CHECK(page.find("caf\\xe9") != std::string::npos);
   CHECK(page.find("does not exist") == std::string::npos);
   ubs_ok(folder, fmt::format("pack {} --out p.ubsd", shell(data)));
-
-  // Killed in the middle: the checkpoint names the data, and --resume finds them.
-  const fs::path second = folder / (name + " second");
-  test::ended_by(folder,
-                 fmt::format("train --data {} --out {} --dim 3 --iterations 4000 --init-points 100 "
-                             "--cap-max 120 --checkpoint-every 20",
-                             shell(data), shell(second)),
-                 SIGKILL, (name + " second") + "/checkpoint.ubs");
-  REQUIRE(fs::exists(second / "checkpoint.ubs"));
-  REQUIRE_FALSE(fs::exists(second / "model.ply"));
-  ubs_ok(folder, fmt::format("train --resume {}", shell(second)));
-  CHECK(decode_text(json::parse(get(second / "metrics.json"))["data"].get<std::string>()) == data.string());
 }
 
 TEST_CASE("cli: names that are too long and loops of links are errors of the user") {

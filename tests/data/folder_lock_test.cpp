@@ -19,7 +19,13 @@ TEST_CASE("folder lock: one holder at a time, and the second is told who", "[mad
     CHECK_THAT(message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
                Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing to this folder"));
   }
-  CHECK_FALSE(fs::exists(folder / "new/run"));  // nothing came into it
+  CHECK_FALSE(fs::exists(folder / "new"));  // nothing came into it
+  {
+    const FolderLock lock(folder / "kept/made/run/");
+    put(folder / "kept/note", "x");
+  }
+  CHECK(fs::exists(folder / "kept/note"));
+  CHECK_FALSE(fs::exists(folder / "kept/made"));
   put(folder / "old/x", "x");
   put(folder / "old/.ubs-lock", "left by a killed process");
   {

@@ -42,6 +42,15 @@ void put_model(const fs::path& folder, const std::vector<std::string>& names) {
   put(folder / "images.txt", text);
 }
 
+// Points with a column and an element that no reader uses.
+void put_points(const fs::path& file) {
+  put(file,
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "property int label\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+      "1 2 3 0 255 0 0 7\n4 5 6 0 0 255 0 8\n3 0 1 1\n");
+}
+
 // Opens the folder in each of the layouts that name files: stated names, files on the disk.
 struct Opened {
   std::size_t views = 0;
@@ -206,6 +215,20 @@ TEST_CASE("names: tens of thousands of files are found at once", "[names]") {
   }
 }
 
+TEST_CASE("names: hidden files of macOS are neither images nor in the place of images", "[names]") {
+  for (const Opened& found : in_all_layouts({"images/a1.png"}, {"images/a1.png", "images/._a1.png"})) {
+    INFO(found.error << found.notes);
+    CHECK(found.views == 1);
+    CHECK(found.notes.find("belong to no camera") == std::string::npos);
+  }
+  for (const Opened& found :
+       in_all_layouts({"images/a1.jpg", "images/a2.jpg"}, {"images/a1.png", "images/._a2.jpg"})) {
+    INFO(found.error << found.notes);
+    CHECK(found.views < 2);  // without one of its training images the Blender layout is refused
+    CHECK_THAT(found.notes + found.error, Contains("a2.jpg"));
+  }
+}
+
 // Every reader of data folders, with something in its input that it does not use. A packed file holds nothing
 // else.
 TEST_CASE("silence: no reader leaves out without a word", "[names]") {
@@ -255,6 +278,26 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
+       }},
+      {"a column and faces of points (nerfstudio)",
+       "p.ply: properties of element 'vertex' that are not used: label; element 'face' (1 rows) is not used",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_points(f / "p.ply");
+         put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
+       }},
+      {"the same (blender)", "points3d.ply: properties of element 'vertex' that are not used: label",
+       [](const fs::path& f) {
+         put_image(f / "train/a.png", 16, 12), put_points(f / "points3d.ply");
+         put_json(f / "transforms_train.json", {"train/a"});
+       }},
+      {"the same (colmap)", "points3D.ply: properties of element 'vertex' that are not used: label",
+       [](const fs::path& f) {
+         put_image(f / "images/a.png", 16, 12), put_model(f / "sparse/0", {"a.png"});
+         put_points(f / "sparse/0/points3D.ply");
+       }},
+      {"the same (llff)", "points3d.ply: properties of element 'vertex' that are not used: label",
+       [](const fs::path& f) {
+         put_rows(f, 1), put_image(f / "images/a.png", 128, 96), put_points(f / "points3d.ply");
        }},
       {"another model", "2 COLMAP models: sparse/0 (1 images), sparse/1 (2 images); sparse/1 is used",
        [](const fs::path& f) {

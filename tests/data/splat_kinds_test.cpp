@@ -261,8 +261,17 @@ TEST_CASE("kinds: PLY files say that splats were trained with antialiasing, and 
   CHECK(format_remarks(splat_format("3dgs"), trained).empty());
   write_gaussian_ply(folder / "b.ply", trained);
   CHECK(read_foreign_splats(folder / "b.ply").antialiased);
+  // Each of the two comments is enough, because other programs read only one of them.
+  const std::string written = get(folder / "b.ply");
+  for (const std::string comment : {"comment SplatRenderMode: mip\n", "comment antialiased 1\n"}) {
+    INFO(comment);
+    REQUIRE(written.find(comment) != std::string::npos);
+    put(folder / "c.ply", replaced(written, comment, ""));
+    CHECK(read_foreign_splats(folder / "c.ply").antialiased);
+  }
   write_gaussian_ply(folder / "b.ply", splats);
   CHECK_FALSE(read_foreign_splats(folder / "b.ply").antialiased);
+  CHECK(get(folder / "b.ply").find("comment") == std::string::npos);
   // The word of newer SOG files.
   write_sog(folder / "a.sog", splats);
   auto members = members_of(folder / "a.sog");

@@ -17,6 +17,7 @@
 #include "host/data/npy.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/ply.hpp"
+#include "host/data/splat_file.hpp"
 #include "host/data/splat_series.hpp"
 #include "host/data/ubsz.hpp"
 #include "host/data/world_points.hpp"
@@ -359,6 +360,34 @@ std::vector<std::string> seed_packed() {
   return seeds;
 }
 
+// What a file is, and what messages call it. The first byte chooses the extension.
+constexpr const char* kExtensions[] = {".ply", ".json", ".zip", ".spz", ".gltf", ".splat"};
+void run_file_kind(Data d) {
+  if (d.empty()) return;
+  const fs::path path = put(std::string("kind") + kExtensions[d[0] % std::size(kExtensions)], d.subspan(1));
+  expect_error_only([&] { describe_file(path); });
+  expect_error_only([&] { detect_splat_format(path); });
+  expect_error_only([&] { find_splat_model(path); });
+}
+std::vector<std::string> seed_file_kind() {
+  const std::string vertices = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\n";
+  std::vector<std::string> seeds{
+      '\0' + vertices + "property float f_anchor_feat_0\nend_header\n",
+      '\0' + vertices + "element face 1\nproperty list uchar int vertex_indices\nend_header\n",
+      std::string("\1") + R"({"version": 2, "means": {}, "quats": {"codebook": [1, null]}})",
+      std::string("\1") + R"({"filenames": ["part/meta.json"], "tree": {"lods": {}}})",
+      std::string("\1") + R"( {"frames": [], "camera_model": "OPENCV"})"};
+  for (const char* member : {"scan/points3D.bin", "archive/data.pkl", "scene/meta.json"}) {
+    ZipWriter zip;
+    for (const char* name : {"scene/", member}) zip.add(name, {});
+    const std::vector<std::byte> file = zip.finish();
+    seeds.push_back('\2' + std::string(reinterpret_cast<const char*>(file.data()), file.size()));
+  }
+  write_spz(folder() / "s.spz", few_splats(0));  // behind gzip
+  seeds.push_back('\3' + get(folder() / "s.spz"));
+  return seeds;
+}
+
 // Headers of our own parsing only.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
@@ -399,6 +428,7 @@ std::span<const Target> targets() {
       {"sog", run_sog, seed_sog},
       {"streamed_sog", run_streamed_sog, seed_streamed_sog},
       {"usda", run_usda, seed_usda},
+      {"file_kind", run_file_kind, seed_file_kind},
   };
   return kTargets;
 }

@@ -50,6 +50,13 @@ BOUNDS = {
         "raster_gpu_backward": {"registers": 48, "visit": 136, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
         "sum_slots_scalar": {"registers": 36, "instructions": 420, "narrow": 34},
+        # 2026-11-28
+        "loss_window": {"registers": 52, "instructions": 1340, "narrow": 20},
+        "loss_window, masked": {"registers": 52, "instructions": 1440, "narrow": 28},
+        "loss_gradient": {"registers": 44, "instructions": 690, "narrow": 48},
+        "loss_gradient, masked": {"registers": 36, "instructions": 750, "narrow": 52},
+        "loss_total": {"registers": 36, "instructions": 720, "narrow": 8},
+        "loss_total, masked": {"registers": 36, "instructions": 720, "narrow": 8},
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
         "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},
     },

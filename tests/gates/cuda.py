@@ -8,6 +8,7 @@ import gate
 import sass
 
 SOURCES = {"raster_kernels": ["raster_gpu_forward", "raster_gpu_backward", "measure_weights", "sum_slots_scalar"],
+           "loss_kernels": ["loss_window", "loss_gradient", "loss_total"],
            "map_kernels": ["project_forward", "project_backward"]}
 
 
@@ -56,7 +57,8 @@ def main():
                 resources = sass.resources(log)
                 for mangled, code in sass.functions(gate.run([nvdisasm, "-c", binary])).items():
                     kernel = next((k for k in sorted(kernels, key=len, reverse=True) if f"{len(k)}{k}" in mangled), None)
-                    if kernel:
+                    if kernel:  # the loss also with a mask, in a namespace of that name
+                        kernel += ", masked" if "6masked" in mangled else ""
                         table.add(kernel, {**resources[mangled], **sass.counts(code)}, n)
         unlike = unlike_transmittances(nvcc, nvdisasm, scratch)
     if unlike:

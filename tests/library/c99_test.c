@@ -63,7 +63,8 @@ static ubs_model* two_splats(void) {
 int main(void) {
   ubs_device* device = NULL;
   ubs_model *model, *gradient = NULL;
-  ubs_renderer* renderer = NULL;
+  ubs_renderer *renderer = NULL, *other = NULL;
+  ubs_falloff falloff = {sizeof falloff, "beta*ubs_log2_1m(r)", "(-beta/(UBS_LN2*(V(1.0)-r)))", "ubs_log2_1m(r)", 1};
   ubs_meter* meter = NULL;
   ubs_camera camera = {sizeof camera};
   ubs_image image = {sizeof image};
@@ -110,6 +111,19 @@ int main(void) {
   EXPECT(ubs_meter_create(device, NULL, NULL, &meter) == UBS_OK);
   EXPECT(ubs_meter_compare(meter, WIDTH, HEIGHT, rgb, rgb, &metrics) == UBS_OK);
   EXPECT(isinf(metrics.psnr) && fabs(metrics.ssim - 1) < 1e-6 && isnan(metrics.lpips_alex));
+
+  /* The published falloff, as expressions, gives the same image. */
+  EXPECT(ubs_renderer_create_falloff(device, model, NULL, 0, &falloff, &other) == UBS_OK);
+  image.depth = NULL;
+  image.alpha = v_alpha;
+  EXPECT(ubs_renderer_draw(other, &camera, &image) == UBS_OK);
+  for (i = 0; i < PIXELS; ++i) EXPECT(fabs(v_alpha[i] - alpha[i]) < 1e-6);
+  ubs_renderer_free(other);
+  falloff.log2 = "beta * r";
+  EXPECT(ubs_renderer_create_falloff(device, model, NULL, 0, &falloff, &other) == UBS_ERROR_USAGE);
+  EXPECT(other == NULL && strstr(ubs_error_message(), "without blanks") != NULL);
+  image.depth = depth;
+  image.alpha = alpha;
 
   image.size = 0;
   EXPECT(ubs_renderer_draw(renderer, &camera, &image) == UBS_ERROR_USAGE);

@@ -13,6 +13,7 @@
 #include "host/opencl/opencl_tuning.hpp"
 #include "tests/support/device_fixture.hpp"
 #include "tests/support/set_variable.hpp"
+#include "tests/support/source_folder.hpp"
 #include "tests/support/temp_folder.hpp"
 #include "tests/support/whole_sweep.hpp"
 
@@ -39,7 +40,7 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
     INFO(constant.macro << " in " << constant.source);
     const std::string macro(constant.macro);
     if (constant.source.starts_with("host/")) {  // of launches alone
-      const std::string text = get(std::filesystem::path(UBS_SOURCE_DIR) / constant.source);
+      const std::string text = get(test::source_folder() / constant.source);
       CHECK(text.find("tuned_value(device.info().tuning, \"" + macro + "\")") != std::string::npos);
       continue;
     }

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "host/base/file.hpp"
+#include "tests/support/source_folder.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs::test {
@@ -17,8 +18,7 @@ namespace ubs::test {
 inline std::filesystem::path changed_kernels(const TempFolder& folder, const std::string& file,
                                              const std::string& from, const std::string& to) {
   const std::filesystem::path copy = folder / "kernels";
-  std::filesystem::copy(std::filesystem::path(UBS_SOURCE_DIR) / "kernels", copy,
-                        std::filesystem::copy_options::recursive);
+  std::filesystem::copy(source_folder() / "kernels", copy, std::filesystem::copy_options::recursive);
   std::string text = read_text_file(copy / file);
   const std::size_t at = text.find(from);
   if (at == std::string::npos) throw std::logic_error("kernels/" + file + " has no text '" + from + "'");

@@ -5,10 +5,12 @@
 
 #include <cstdlib>
 
+#include "tests/support/source_folder.hpp"
+
 namespace ubs::test {
 
 struct KernelFolder {  // as long as the object exists
-  KernelFolder() { setenv("UBS_KERNEL_DIR", UBS_SOURCE_DIR "/kernels", 1); }
+  KernelFolder() { setenv("UBS_KERNEL_DIR", (source_folder() / "kernels").c_str(), 1); }
   ~KernelFolder() { unsetenv("UBS_KERNEL_DIR"); }
 };
 

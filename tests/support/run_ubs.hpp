@@ -58,12 +58,13 @@ inline std::string without_seconds(const std::string& log) {
   return text;
 }
 
-// Starts the command, waits until `file` exists in the folder and is not empty (or two seconds if `file` is
-// empty), and sends the signal. Returns the exit code, or 128 plus the number of the signal.
+// Starts the command, waits until `file` exists in the folder and is not empty, and sends the signal. `file`
+// may be out.txt or err.txt, the output of the command. Returns the exit code, or 128 plus the number of the
+// signal.
 inline int ended_by(const TempFolder& folder, const std::string& arguments, int signal,
                     const std::string& file, const std::string& before = "") {
   using Clock = std::chrono::steady_clock;
-  std::filesystem::remove(folder / "err.txt");
+  for (const char* output : {"out.txt", "err.txt"}) std::filesystem::remove(folder / output);
   const std::string command =
       fmt::format("exec {} '{}' {} >out.txt 2>err.txt </dev/null", before, program_of(arguments), arguments);
   const pid_t child = ::fork();
@@ -73,10 +74,10 @@ inline int ended_by(const TempFolder& folder, const std::string& arguments, int 
     ::_exit(127);
   }
   REQUIRE(child > 0);
-  const auto there = [&] { return !file.empty() && !get(folder / file).empty(); };
-  for (const auto end = Clock::now() + std::chrono::seconds(file.empty() ? 2 : 600);
-       Clock::now() < end && !there();)
+  const auto there = [&] { return !get(folder / file).empty(); };
+  for (const auto end = Clock::now() + std::chrono::minutes(10); Clock::now() < end && !there();)
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  CHECK(there());
   ::kill(child, signal);
   int status = 0;
   REQUIRE(::waitpid(child, &status, 0) == child);

@@ -98,6 +98,7 @@ int run(const TuneOptions& options) {
   const Camera& camera = scene.views.views.front().camera;
   say("{}, kernels for {}, {} splats, {}x{}\n", describe(device->info()),
       raster == RasterKind::cpu ? "CPUs" : "GPUs", scene.model.count, camera.width, camera.height);
+  flush_out();
   Json trials = Json::array();
   bench::TuneOptions tuning{.raster = raster, .quick = options.quick, .on_trial = {}};
   if (options.max_seconds > 0) tuning.max_seconds = options.max_seconds;

@@ -72,9 +72,9 @@ std::vector<std::uint8_t> classes_of(const std::vector<double>& squares, std::si
   const std::size_t high = count - 1 - count / 20;
   std::ranges::nth_element(sorted, sorted.begin() + static_cast<std::ptrdiff_t>(high));
   for (std::size_t i = 0; i < count; ++i) {
-    const double times = energy[i] > 0 ? 0.5 * std::log2(sorted[high] / energy[i]) : kUbszCoarsest;
+    const double times = energy[i] > 0 ? 0.5 * std::log2(sorted[high] / energy[i]) : kMaxStepClass;
     classes[i] =
-        static_cast<std::uint8_t>(std::clamp(std::lround(times), 0l, static_cast<long>(kUbszCoarsest)));
+        static_cast<std::uint8_t>(std::clamp(std::lround(times), 0l, static_cast<long>(kMaxStepClass)));
   }
   return classes;
 }

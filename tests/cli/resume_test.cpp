@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs that are killed or interrupted, and then resumed. The tracer of tests/fault ends them at a chosen
+// system call, so the tests do not depend on the speed of the machine.
+#include <catch2/catch.hpp>
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <string>
+
+#include "host/base/text.hpp"
+#include "host/data/blender.hpp"
+#include "host/train/checkpoint.hpp"
+#include "tests/fault/traced_run.hpp"
+#include "tests/support/data.hpp"
+#include "tests/support/lenient_kernels.hpp"
+#include "tests/support/made_scene.hpp"
+#include "tests/support/run_ubs.hpp"
+
+namespace ubs {
+namespace {
+
+namespace fs = std::filesystem;
+using Catch::Contains;
+using nlohmann::json;
+using test::check_error;
+using test::Fault;
+using test::get;
+using test::put;
+using test::put_scene;
+using test::Result;
+using test::run_ubs;
+using test::TempFolder;
+using test::TracedRun;
+using test::ubs_ok;
+
+constexpr const char* kRun =
+    "--data data --init-points 300 --cap-max 350 --log-every 50 --save-renders 0 --quiet "
+    "--iterations 1500";
+
+void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 8, 2); }
+
+// Runs `ubs train` with these arguments into the folder `out`, and applies the fault to the calls on `file`
+// in it.
+TracedRun faulty_run(const TempFolder& folder, const std::string& out, const std::string& arguments,
+                     const std::string& file, const Fault& fault) {
+  constexpr int kLimitSeconds = 600;  // only a run that hangs takes so long
+  TracedRun run = test::trace_ubs(folder, fmt::format("train --out {} {}", shell_word(out), arguments),
+                                  folder / out / file, fault, kLimitSeconds, fault.kinds);
+  INFO(run.err);
+  REQUIRE(run.struck);
+  REQUIRE_FALSE(run.hung);
+  return run;
+}
+
+// Kills the run when it has put its second checkpoint into place.
+void kill_run(const TempFolder& folder, const std::string& out, const std::string& arguments) {
+  const Fault fault{.kinds = test::rename_calls, .nth = 2, .action = Fault::kill_after};
+  REQUIRE(faulty_run(folder, out, arguments, "checkpoint.ubs", fault).signal == SIGKILL);
+}
+
+// Sends the signal to a run when it is about to write the third row of its log.
+void interrupt_run(const TempFolder& folder, const std::string& out, int signal, const std::string& more) {
+  const Fault fault{.kinds = test::write_calls, .nth = 3, .action = Fault::signal, .number = signal};
+  REQUIRE(faulty_run(folder, out, fmt::format("{} {}", kRun, more), "log.csv", fault).code == 130);
+}
+
+TEST_CASE("cli: a run that was killed or interrupted is continued to the same bytes") {
+  const TempFolder folder;
+  synthesise(folder);
+  REQUIRE(run_ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
+  CHECK_FALSE(fs::exists(folder / "whole/checkpoint.ubs"));
+
+  kill_run(folder, "killed", fmt::format("{} --checkpoint-every 100", kRun));
+  CHECK_FALSE(fs::exists(folder / "killed/model.ply"));
+  check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
+  const std::regex says("With 0 a\\s+checkpoint is\\s+written only when the run is\\s+interrupted");
+  CHECK(std::regex_search(get(UBS_SOURCE_DIR "/docs/training.md"), says));
+  interrupt_run(folder, "interrupted", SIGINT, "--checkpoint-every 0");
+  interrupt_run(folder, "terminated", SIGTERM, "");
+  for (const char* out : {"killed", "interrupted", "terminated"}) {
+    INFO(out);
+    const Result result = run_ubs(folder, fmt::format("train --resume {} --quiet", out));
+    INFO(result.err);
+    REQUIRE(result.code == 0);
+    CHECK(get(folder / out / "model.ply") == get(folder / "whole/model.ply"));
+    CHECK(test::without_seconds(get(folder / out / "log.csv")) ==
+          test::without_seconds(get(folder / "whole/log.csv")));
+    CHECK_FALSE(fs::exists(folder / out / "checkpoint.ubs"));
+    const json metrics = json::parse(get(folder / out / "metrics.json"));
+    CHECK(metrics["resumed_from"].get<int>() > 0);
+    CHECK(metrics["interrupted"] == false);
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // nothing begins
+  }
+  check_error(folder, "train --resume whole", 2, "this run is finished");
+}
+
+TEST_CASE("cli: the checkpoint of another run is not continued in this one's folder") {
+  const TempFolder folder;
+  synthesise(folder);
+  interrupt_run(folder, "a", SIGTERM, "--checkpoint-every 60");
+  interrupt_run(folder, "other", SIGTERM, "--checkpoint-every 60 --seed 5");
+  // A run with the same settings and data is told apart by the seconds in its first row.
+  Checkpoint same = read_checkpoint(folder / "a/checkpoint.ubs");
+  same.first_row.insert(same.first_row.find(',') + 1, "9");
+  fs::create_directory(folder / "same");
+  write_checkpoint(folder / "same/checkpoint.ubs", same);
+  const std::string own = get(folder / "a/checkpoint.ubs"), config = get(folder / "a/config.yaml");
+  for (const std::string from : {"same", "other"}) {
+    fs::copy_file(folder / (from + "/checkpoint.ubs"), folder / "a/checkpoint.ubs",
+                  fs::copy_options::overwrite_existing);
+    const std::string log = get(folder / "a/log.csv");
+    check_error(folder, "train --resume a --quiet", 3,
+                "a/checkpoint.ubs: belongs to another run than log.csv");
+    CHECK(get(folder / "a/log.csv") == log);
+    CHECK(get(folder / "a/config.yaml") == config);
+  }
+  fs::remove(folder / "a/log.csv");
+  check_error(folder, "train --resume a --quiet", 3,
+              "another run than config.yaml beside it (cannot resume with seed = 5");
+  put(folder / "a/checkpoint.ubs", own);
+  CHECK(run_ubs(folder, "train --resume a --quiet").code == 0);
+  // Alone in a folder a checkpoint is all that a run needs.
+  fs::create_directories(folder / "new");
+  fs::copy_file(folder / "other/checkpoint.ubs", folder / "new/checkpoint.ubs");
+  CHECK(run_ubs(folder, "train --resume new --quiet").code == 0);
+}
+
+// Names of folders are bytes: this one is Latin-1, with a line break and an escape of ours in it.
+TEST_CASE("cli: a run on a data path that no text can hold is continued") {
+  const TempFolder folder;
+  const std::string name = "caf\xe9 \\x41\n'q'", run = name + " run";
+  put_scene(folder / name, 24, 6, 2);
+  kill_run(
+      folder, run,
+      fmt::format("--data {} --dim 3 --iterations 60 --init-points 100 --cap-max 120 --checkpoint-every 20",
+                  shell_word((folder / name).string())));
+  REQUIRE_FALSE(fs::exists(folder / run / "model.ply"));
+  ubs_ok(folder, fmt::format("train --resume {}", shell_word(run)));
+  CHECK(decode_text(json::parse(get(folder / run / "metrics.json"))["data"].get<std::string>()) ==
+        (folder / name).string());
+}
+
+TEST_CASE("cli: what cannot be continued is one line") {
+  const TempFolder folder;
+  synthesise(folder);
+  interrupt_run(folder, "run", SIGINT, "--refine-cameras pose");
+  CHECK(json::parse(get(folder / "run/cameras/transforms.json"))["frames"].size() == 8);
+  check_error(folder, "train --resume nowhere", 3, "no checkpoint.ubs");
+  check_error(folder, "train --resume run --out other", 2, "remove --out");
+  check_error(folder, "train --resume run --lr-rgb 0.5", 2,
+              "cannot resume with lr_rgb = 0.5: the run was started with lr_rgb = auto");
+  check_error(folder, "train --resume run --iterations 9000", 2, "its schedule depends on");
+  put_scene(folder / "other", 32, 8, 2, "cloud");
+  check_error(folder, "train --resume run --data other --quiet", 3,
+              "differ from those that the run was started with");
+  const std::string bytes = get(folder / "run/checkpoint.ubs");
+  put(folder / "run/checkpoint.ubs", bytes.substr(0, bytes.size() - 100));
+  check_error(folder, "train --resume run", 3, "truncated checkpoint");
+  std::string damaged = bytes;
+  damaged[bytes.size() - 1000] ^= 1;
+  put(folder / "run/checkpoint.ubs", damaged);
+  check_error(folder, "train --resume run", 3, "CRC-32");
+  put(folder / "run/checkpoint.ubs", bytes);
+  CHECK(run_ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
+}
+
+// Finite parameters whose gradient is not: a large splat half way to the first camera, with colours of 1e38,
+// whose squares SSIM takes.
+void make_glaring(const fs::path& checkpoint, const fs::path& data) {
+  Checkpoint c = read_checkpoint(checkpoint);
+  const std::array<double, 3> centre = load_blender_split(data, "train").views[0].camera.centre();
+  SplatModel& model = c.state.model;
+  for (int r = 0; r < 3; ++r) model.row(r)[7] = static_cast<float>(0.5 * centre[static_cast<std::size_t>(r)]);
+  for (int r = 3; r < 6; ++r) model.row(r)[7] = 1e38f;
+  model.row(6)[7] = 10;
+  for (int r = 8; r < 11; ++r) model.row(r)[7] = -8;
+  for (int r = 14; r < 17; ++r) model.row(r)[7] = -1;
+  fs::remove(checkpoint);
+  write_checkpoint(checkpoint, c);
+}
+
+TEST_CASE("cli: a value that is not finite stops with 7 and names iteration and stage") {
+  const test::LenientKernels kernels;
+  const TempFolder folder;
+  synthesise(folder);
+  interrupt_run(folder, "run", SIGINT, "");
+  make_glaring(folder / "run/checkpoint.ubs", folder / "data");
+  const std::string bytes = get(folder / "run/checkpoint.ubs");
+  const Result result = run_ubs(folder, "train --resume run --quiet");
+  INFO(result.err);
+  REQUIRE(result.code == 7);
+  CHECK(result.err.find("ubs: error: values that are not finite at iteration") != std::string::npos);
+  CHECK(result.err.find("was saved: resume with 'ubs train --resume run'") != std::string::npos);
+  CHECK(get(folder / "run/checkpoint.ubs") == bytes);
+  CHECK(
+      (test::contains(result.err, "stage image_loss") || test::contains(result.err, "stage raster_forward")));
+  // Without the splat the run comes to its end, unless other splats are as bad by then.
+  const Result dropped = run_ubs(folder, "train --resume run --quiet --on-nan drop");
+  INFO(dropped.err);
+  const bool refused = test::contains(dropped.err, "would have been dropped");
+  CHECK(dropped.code == (refused ? 7 : 0));
+  CHECK(fs::exists(folder / "run/checkpoint.ubs") == refused);
+}
+
+}  // namespace
+}  // namespace ubs
