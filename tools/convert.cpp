@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting is
-// lossless for models of Gaussians; for other models it fixes the time and averages over the directions. With
-// --data the loss of quality is measured by rendering both models.
+// lossless for models of Gaussians; for other models it fixes the time and averages over the directions. The
+// loss of quality is measured by rendering both models: against the model itself, and with --data against its
+// images.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -25,6 +26,7 @@
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 #include "tools/common/output_files.hpp"
+#include "tools/convert_loss.hpp"
 
 namespace ubs::tools {
 namespace {
@@ -33,7 +35,8 @@ namespace fs = std::filesystem;
 
 // Maximum number of viewpoints for the average over directions; more make no visible difference.
 constexpr std::size_t kMaxViewpoints = 64;
-constexpr int kMaxSeries = 1000;  // maximum number of moments
+constexpr int kMaxSeries = 1000;    // maximum number of moments
+constexpr double kGoodExport = 35;  // PSNR below which advice is given [dB]
 
 struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()) {}
@@ -42,7 +45,7 @@ struct ConvertOptions {
                         conditioning;
   double time = 0;
   int degree = 3, series = 0;
-  bool json = false, overwrite = false;
+  bool json = false, overwrite = false, no_measure = false;
   CLI::Option *split_option = nullptr, *time_option = nullptr, *opacity_option = nullptr;
   RunData run;
   bool split_given() const { return split_option->count() > 0; }
@@ -54,7 +57,11 @@ const SplatFormat& target_format(const ConvertOptions& options, const SplatForma
   if (!format)
     fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to,
          small_extension(options.to));
-  return format->ours() && source.ours() && options.conditioning.empty() ? splat_format("3dgs") : *format;
+  if (!format->ours() || !options.conditioning.empty()) return *format;
+  // Both layouts have the extension .ply. Other programs read that of 3DGS; a file that already has it can
+  // only be meant to become a ubs file.
+  const bool gaussians = source.holds == SplatFormat::Holds::gaussians && source.name != "3dgs";
+  return source.ours() || gaussians ? splat_format("3dgs") : *format;
 }
 
 // Returns the mean PSNR (of the channels) over the views of the split.
@@ -95,6 +102,36 @@ std::string file_of(const ConvertOptions& options, const SplatFormat& format, in
       .string();
 }
 
+// Returns what to do about an export that has lost much.
+std::string advice(const ConvertOptions& options, const MixedModel& model) {
+  if (std::ranges::all_of(model.groups, is_gaussian_model))
+    return "choose .ply or .glb, which store the numbers of these Gaussians exactly";
+  return fmt::format(
+      "{}train with --dim 3 --kernel gaussian --colour sh3 for a model that exports without loss",
+      options.distill.empty() ? "add --distill 60s to fit the Gaussians to the model, or " : "");
+}
+
+// Adds the loss of an export that is not exact. A machine that cannot render still converts: a remark says
+// that nothing was measured.
+void add_loss(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
+              const TrainSettings& settings, Json& json) {
+  if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
+  try {
+    const MixedModel written = exact_model(read_foreign_splats(options.to));
+    const auto loss = measure_loss(options.device, loaded, written, settings, options.time);
+    if (!loss) return;
+    json["loss"] = {{"psnr", loss->own}, {"psnr_on_black", loss->black}, {"cameras", loss->cameras}};
+    if (std::min(loss->own, loss->black) < kGoodExport)
+      json["loss"]["advice"] = advice(options, loaded.model);
+  } catch (const Error& error) {
+    const ErrorKind kind = error.kind();
+    if (kind != ErrorKind::device && kind != ErrorKind::build && kind != ErrorKind::memory &&
+        kind != ErrorKind::faulty)
+      throw;
+    json["remarks"].push_back(fmt::format("the loss of quality was not measured: {}", error.what()));
+  }
+}
+
 void report(const ConvertOptions& options, const SplatFormat& format, const Json& json) {
   if (options.json) return print_json(json);
   for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
@@ -102,6 +139,12 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
     say("PSNR {:.2f} dB before, {:.2f} dB after: {:+.2f} dB on '{}'\n", json["psnr_before"].get<double>(),
         json["psnr_after"].get<double>(),
         json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
+  if (json.contains("loss")) {
+    const Json& loss = json["loss"];
+    say("quality  PSNR {:.2f} dB against the model itself, {:.2f} dB on black (mean of {} cameras)\n",
+        loss["psnr"].get<double>(), loss["psnr_on_black"].get<double>(), loss["cameras"].get<std::size_t>());
+    if (loss.contains("advice")) say("         {}\n", loss["advice"].get<std::string>());
+  }
   if (json.contains("psnr"))
     say("PSNR {:.2f} dB on '{}' with eps2d {:.4g}\n", json["psnr"].get<double>(), options.split,
         json["eps2d"].get<double>());
@@ -252,6 +295,7 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
         "the model was trained on {} {}, which this format does not store: other programs use black or a "
         "background of their own",
         behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
+  add_loss(options, format, loaded, settings, json);
   if (options.data.empty() || options.series > 0) return json;
   // Compare with the written file, including its quantisation, rendered as other tools render it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));
@@ -354,7 +398,7 @@ Command add_convert(CLI::App& root) {
   const std::string names = fmt::format("{}", fmt::join(formats, ", "));
   formats.emplace_back("auto");
   app->add_option("--to", options->format,
-                  names + " [by extension; .ply: ubs for a third-party file, 3dgs for a ubs model]")
+                  names + " [by extension; .ply: 3dgs, but ubs for a file that is 3DGS or DBS already]")
       ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
@@ -391,6 +435,8 @@ Command add_convert(CLI::App& root) {
       ->check(from_to(2, kMaxSeries))
       ->excludes("--time")
       ->type_name("K");
+  app->add_flag("--no-measure", options->no_measure,
+                "do not measure what an export loses against the model, on cameras that the model lists");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");

@@ -11,17 +11,18 @@ constexpr const char* kExitCodes =
 
 using namespace ubs::tools;
 
-constexpr const char *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert", *kDevices = "Devices";
+constexpr const char *kFirst = "First steps", *kLearn = "Learn", *kLook = "Look", *kConvert = "Convert",
+                     *kDevices = "Devices";
 
 constexpr CommandEntry kCommands[] = {
-    {add_train, kLearn, "ubs train photos", "ubs train photos --out run --budget 10m", true},
+    {add_train, kFirst, "ubs train photos", "ubs train photos --out run --budget 10m", true},
+    {add_view, kFirst, "ubs view run", "ubs view run photos"},
+    {add_render, kFirst, "ubs render run --video flight.mp4",
+     "ubs render run photos --split test --out pictures", true},
     {add_cameras, kLearn, "ubs cameras photos", "ubs cameras photos --order sequence"},
     {add_plan, kLearn, "ubs plan photos", "ubs plan photos --dim 7 --iterations 10000"},
     {add_reduce, kLearn, "ubs reduce run --out small.ply",
      "ubs reduce run photos --max-loss-db 0.2 --out small.ply"},
-    {add_view, kLook, "ubs view run", "ubs view run photos"},
-    {add_render, kLook, "ubs render run --video flight.mp4",
-     "ubs render run photos --split test --out pictures", true},
 #ifdef UBS_WITH_OPENCV
     {add_report, kLook, "ubs report run", "ubs report run other --out both.html"},
     {add_web, kLook, "ubs web run --out model.html", "ubs web run photos --out model.ubsz"},

@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs reduce: removes splats and dimensions of a trained model that the training views do not need, up to a
-// bound or a loss of quality. It measures size, speed and quality before and after (docs/reduce.md).
+// ubs reduce: removes splats and dimensions of a trained model that the training views do not need, down to a
+// number of splats or a size, or up to a bound or a loss of quality. It measures quality before and after,
+// and size and speed (docs/reduce.md).
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 
 #include "host/api/open_data.hpp"
 #include "host/api/proved_device.hpp"
@@ -14,6 +18,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/ply.hpp"
+#include "host/scene/settings.hpp"
 #include "host/scene/slice.hpp"
 #include "host/train/evaluate.hpp"
 #include "host/train/run_settings.hpp"
@@ -32,15 +37,19 @@ using namespace ubs::reduce;
 
 constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // of the search
 constexpr int kSearchSteps = 9;                      // determines the bound to 2 %
+constexpr int kSizeSteps = 30;                       // determines the bound of a size to 1e-9
+constexpr double kMegabyte = 1e6;
 constexpr std::size_t kTimedViews = 40;
 
 struct ReduceOptions {
   explicit ReduceOptions(CLI::App& app) : settings(app, drawing_keys()) {}
   SettingsOptions settings;
   RunData run;
-  std::string model, data, out, device, effects, only = "all";
-  double bound = -1, max_loss_db = 0.05;
-  bool lossless = false, json = false, quiet = false, overwrite = false;
+  std::string model, data, out, device, effects, only = "all", splats;
+  double bound = -1, max_loss_db = 0.05, megabytes = 0;
+  bool lossless = false, details = false, json = false, quiet = false, overwrite = false;
+
+  bool searches() const { return !lossless && bound < 0 && splats.empty() && megabytes == 0; }
 };
 
 bool has_views(const Dataset& data, const char* name) {
@@ -95,17 +104,18 @@ class Session {
     return quality(groups, renderer, train_).mean.psnr_channel_mean;
   }
 
-  // Measures quality and times of both models.
-  void compare(const Reduced& reduced, ReductionReport& report) {
+  // Measures the quality of both models. With `details`, on the training views too, and the times.
+  void compare(const Reduced& reduced, ReductionReport& report, bool details) {
     const DeviceGroups after(*device_, reduced.model, config());
     Renderer renderer(*device_, after.stages());
     renderer.set_cameras(cameras_);
     for (const Split* split : {&train_, &test_}) {
-      if (split->views.empty()) continue;
+      if (split->views.empty() || (split == &train_ && !details && !test_.views.empty())) continue;
       note("quality on {} {} views", split->views.size(), split->name);
       report.splits.push_back({split->name, split->views.size(), quality(before_, renderer_, *split).mean,
                                quality(after, renderer, *split).mean});
     }
+    if (!details) return;
     note("times");
     report.times = measure_times(*device_, {TimedModel{&before_, &renderer_}, {&after, &renderer}}, render_,
                                  train_.views.size(), targets_, std::min(kTimedViews, train_.views.size()));
@@ -141,7 +151,46 @@ class Session {
 };
 
 ReduceChoice choice_of(const ReduceOptions& options) {
-  return {.splats = options.only != "dimensions", .dimensions = options.only != "splats"};
+  return {.splats = options.only != "dimensions",
+          .dimensions = options.only != "splats" && options.splats.empty()};
+}
+
+std::size_t wanted_splats(const ReduceOptions& options) {
+  const std::optional<double> wanted = parse_whole(options.splats);
+  if (!wanted || *wanted < 1)
+    fail(ErrorKind::usage, "--splats {}: expected a whole number from 1, such as 20000 or 20k",
+         options.splats);
+  return static_cast<std::size_t>(*wanted);
+}
+
+// Returns the bound that keeps the `wanted` splats with the largest contributions. Splats with the same
+// contribution go together.
+double bound_for_splats(const Contributions& contributions, std::size_t wanted) {
+  std::vector<float> most = contributions.most;
+  if (wanted >= most.size()) return 0;
+  const auto first_removed = most.begin() + static_cast<std::ptrdiff_t>(wanted);
+  std::ranges::nth_element(most, first_removed, std::greater<>());
+  return *first_removed;
+}
+
+// Returns the smallest bound that leaves a file of at most the wanted size.
+double bound_for_bytes(const ReduceOptions& options, const Reducer& reducer,
+                       std::span<const std::string> comments) {
+  const auto bytes_for = [&](double bound) {
+    return static_cast<double>(mixed_ply_bytes(reducer.reduce(bound, choice_of(options)).model, comments));
+  };
+  const auto fits = [&](double bound) { return bytes_for(bound) <= options.megabytes * kMegabyte; };
+  if (fits(0)) return 0;
+  double low = 1e-9, high = 1;
+  if (!fits(high))
+    fail(ErrorKind::data, "--size {:g}: no reduction is that small: with {} removed the file has {:.3f} MB",
+         options.megabytes, options.only == "all" ? "all that can be" : options.only,
+         bytes_for(high) / kMegabyte);
+  for (int i = 0; i < kSizeSteps; ++i) {
+    const double middle = std::sqrt(low * high);
+    (fits(middle) ? high : low) = middle;
+  }
+  return high;
 }
 
 // Returns the largest bound whose loss on the training views is at most the allowed one, by bisection of its
@@ -165,8 +214,14 @@ double search_bound(const ReduceOptions& options, Session& session, const Reduce
 }
 
 void check(const ReduceOptions& options) {
-  if (options.lossless && options.bound >= 0)
-    fail(ErrorKind::usage, "--lossless and --bound cannot be combined");
+  const int chosen =
+      options.lossless + (options.bound >= 0) + !options.splats.empty() + (options.megabytes > 0);
+  if (chosen > 1) fail(ErrorKind::usage, "--lossless, --bound, --splats and --size cannot be combined");
+  if (!options.splats.empty()) {
+    wanted_splats(options);
+    if (options.only == "dimensions")
+      fail(ErrorKind::usage, "--splats removes splats: --only dimensions cannot be combined with it");
+  }
   check_output_files({options.out, options.effects}, {options.model, options.data}, options.overwrite);
 }
 
@@ -188,16 +243,17 @@ int run(ReduceOptions& options) {
   ReductionReport report;
   report.before = &model;
   report.reducer = &reducer;
-  if (!options.lossless)
-    report.bound =
-        options.bound >= 0 ? options.bound : search_bound(options, session, reducer, report.search);
+  if (options.bound >= 0) report.bound = options.bound;
+  if (!options.splats.empty()) report.bound = bound_for_splats(contributions, wanted_splats(options));
+  if (options.megabytes > 0) report.bound = bound_for_bytes(options, reducer, session.comments());
+  if (options.searches()) report.bound = search_bound(options, session, reducer, report.search);
   const Reduced reduced = reducer.reduce(report.bound, choice_of(options));
   if (reduced.model.count() == 0)
     fail(ErrorKind::data,
          "no splat would be left: the model contributes nothing to the training views above the bound {}",
          report.bound);
   report.after = &reduced;
-  session.compare(reduced, report);
+  session.compare(reduced, report, options.details || options.json);
 
   write_mixed_ply(options.out, reduced.model, session.comments());
   report.bytes_before = file_bytes(options.model);
@@ -211,13 +267,13 @@ int run(ReduceOptions& options) {
               {"out", options.out},
               {"only", options.only},
               {"device", device_json(session.device().info())}};
-    if (!options.lossless && options.bound < 0) json["max_loss_db"] = options.max_loss_db;
+    if (options.searches()) json["max_loss_db"] = options.max_loss_db;
     json.update(to_json(report));
     print_json(json);
     return 0;
   }
-  print_table(report);
-  say("model     {} ({})\n", options.out, to_string(reduced.model));
+  if (options.details) print_table(report);
+  print_summary(report, options.out);
   return 0;
 }
 
@@ -234,9 +290,17 @@ Command add_reduce(CLI::App& root) {
       ->required()
       ->type_name("FILE");
   CLI::Option* loss = app->add_option("--max-loss-db", options->max_loss_db,
-                                      "largest allowed loss of PSNR on the training views, in dB [0.05]")
+                                      "without --splats and --size: largest allowed loss of PSNR on the "
+                                      "training views, in dB [0.05]")
                           ->check(from_to(0.0, 100.0))
                           ->type_name("DB");
+  app->add_option("--splats", options->splats, "keep at most this many splats, such as 20000 or 20k")
+      ->type_name("N")
+      ->excludes(loss);
+  app->add_option("--size", options->megabytes, "largest file, in MB (10^6 bytes)")
+      ->check(positive())
+      ->type_name("MB")
+      ->excludes(loss);
   app->add_option("--bound", options->bound,
                   "instead of --max-loss-db: largest allowed change of a splat's weight in a pixel, 0 to 1 "
                   "(0: lossless)")
@@ -252,6 +316,7 @@ Command add_reduce(CLI::App& root) {
   app->add_option("--effects", options->effects,
                   "CSV file with the contribution of each splat and its dimensions")
       ->type_name("FILE");
+  app->add_flag("--details", options->details, "measure training views and times too, and print a table");
   add_device_option(*app, options->device);
   app->add_flag("--quiet", options->quiet, "no progress on stderr");
   add_overwrite_option(*app, options->overwrite);

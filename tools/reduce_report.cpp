@@ -111,6 +111,14 @@ void print_table(const ReductionReport& r) {
         after.dropped, after.turned_count);
 }
 
+void print_summary(const ReductionReport& r, const std::string& file) {
+  const SplitChange& seen = r.splits.back();
+  say("{}: {} of {} splats, {:.2f} of {:.2f} MB, PSNR of the {} views {:.2f} -> {:.2f} dB\n", file,
+      r.after->model.count(), r.before->count(), static_cast<double>(r.bytes_after) / 1e6,
+      static_cast<double>(r.bytes_before) / 1e6, seen.name, seen.before.psnr_channel_mean,
+      seen.after.psnr_channel_mean);
+}
+
 std::string effects_csv(const ReductionReport& r) {
   std::vector<int> dims;
   for (const SplatModel& group : r.before->groups)

@@ -31,12 +31,14 @@ struct ReductionReport {
   double bound = 0;  // bound of the chosen reduction; 0: lossless
   std::size_t bytes_before = 0, bytes_after = 0;
   std::array<reduce::ModelTimes, 2> times;
-  std::vector<SplitChange> splits;  // the first entry is train
+  std::vector<SplitChange> splits;  // train and test, or only test
   std::vector<SearchStep> search;
 };
 
 Json to_json(const ReductionReport& report);
 void print_table(const ReductionReport& report);
+// Prints one line: the file, numbers of splats, sizes, and PSNR.
+void print_summary(const ReductionReport& report, const std::string& file);
 
 // Returns one row per splat: dimensions, number of views that see it, maximum weight, and for each smaller N
 // the ranges of opacity and mean, and the change of a weight.

@@ -17,6 +17,7 @@
 #include "host/look/report/report_page.hpp"
 #include "host/look/web/page.hpp"
 #include "host/look/web/steps.hpp"
+#include "host/scene/scene_unit.hpp"
 #include "host/train/checkpoint.hpp"
 #include "host/train/run_settings.hpp"
 #include "tools/commands.hpp"
@@ -182,8 +183,7 @@ void remark_on_splats(RunRecord& run, const MixedModel& model) {
   const std::optional<double> extent = run.number({"extent"});
   if (model.count() >= static_cast<std::size_t>(run.settings.cap_max))
     run.remarks.push_back(
-        fmt::format("the model has as many splats as it may have ({}): a higher --cap-max shows more detail",
-                    model.count()));
+        fmt::format("the model has as many splats as --cap-max allows ({})", model.count()));
   if (!extent || !(*extent > 0)) return;
   std::array<std::vector<float>, 3> at;
   for (const SplatModel& group : model.groups)
@@ -263,6 +263,7 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
   web::ViewerPage page{.title = run.record.name, .scene = scene_frame(*run.model, cameras)};
   for (std::size_t i = 0; i < cameras.size(); ++i)
     page.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
+  page.poster = web::poster_uri(web::draw_poster(device, *run.model, run.record.settings, cameras[0]));
   const std::string note =
       fmt::format("<p class=\"note\">The model of {} itself, rounded: {:.1f} dB against the exact one.</p>\n",
                   escape_html(run.record.name), packed.psnr.mean);

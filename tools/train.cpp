@@ -14,6 +14,8 @@
 #include "host/base/paths.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/base/text.hpp"
+#include "host/base/warning.hpp"
+#include "host/device/registry.hpp"
 #include "host/look/serve/live.hpp"
 #include "host/scene/settings.hpp"
 #include "host/train/kernel_warm_up.hpp"
@@ -72,7 +74,7 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
-    if (live) live->step(report);
+    if (live) live->step(report, !guard.interrupted() && report.iteration < report.iterations);
     outcome.interrupted = guard.interrupted() && report.iteration < report.iterations;
     return !outcome.interrupted;
   });
@@ -153,6 +155,10 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
     const TrainSettings base = fast_base(start);
     const TrainSettings few = fast_settings_for(base, kFewIterations, points_of(data), pictures);
     const SplatModel initial = initial_model(data, train, in_unit(few));
+    if (options.talkative()) {
+      say("steps    being measured, to choose the number of iterations\n");
+      flush_out();
+    }
     warm_up(few, initial);
     const Stopwatch watch;
     budget.costs = measure_steps(device, in_unit(few), train, initial, 2 * initial.count);
@@ -286,6 +292,9 @@ int run(const TrainOptions& options) {
   const std::unique_ptr<serve::Server> server = options.serve.open();
   std::optional<EndOnRequest> beforehand(
       "\nubs: interrupted before the first iteration; nothing was written\n");
+  // Refuses a device that is not there before the data are read, which may take minutes.
+  choose_device(list_devices(), device_of_rank(options.device));
+  if (options.talkative()) log_line(LogLevel::notice, fmt::format("reading {}", start.data));
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);
   const TrainSettings asked = settings;
   const Split* const given = data.find("train");

@@ -18,12 +18,17 @@
 
 namespace ubs::tools {
 
+constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations take longer on every device
+
 // With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
 // settings of fast runs replace the returned ones as soon as the data are known.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
   const bool asked = !budget.empty();
-  if (asked) time_budget_seconds(budget);  // throws for an invalid budget before anything is loaded
+  // Throws for an invalid or hopeless budget before anything is loaded.
+  if (asked && time_budget_seconds(budget) < kLeastBudget)
+    fail(ErrorKind::usage, "--budget {}: a training takes at least {:g} s: increase the budget", budget,
+         kLeastBudget);
   const auto resolved = [&](TrainSettings base) {
     base.dim = kAutoInt;
     base.iterations = kUnsaid;
@@ -87,16 +92,13 @@ void check_kind(const std::filesystem::path& data) {
          "{}: this is a model, not a data set: show it with 'ubs view {}', or pass the folder of "
          "its images",
          data.string(), name);
-  if (has_image_extension(data) || is({".heic", ".avif"}))  // ubs does not read the latter two
+  if (const std::string hint = how_to_make_images(data); !hint.empty())
+    fail(ErrorKind::data, "{}: {}", data.string(), hint);
+  if (has_image_extension(data) || is({".avif"}))  // ubs does not read the latter
     fail(ErrorKind::data,
          "{}: this is one image: pass a folder of images with their cameras ('ubs cameras FOLDER' "
          "finds the cameras)",
          data.string());
-  if (is({".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"}))
-    fail(ErrorKind::data,
-         "{}: this is a video: cut it into images (mkdir photos; ffmpeg -i {} -vf fps=2 "
-         "photos/%04d.jpg), then find their cameras with 'ubs cameras photos'",
-         data.string(), name);
 }
 
 }  // namespace

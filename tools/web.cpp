@@ -5,13 +5,11 @@
 #include <memory>
 
 #include "host/api/open_data.hpp"
-#include "host/api/picture.hpp"
 #include "host/api/proved_device.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/image.hpp"
-#include "host/look/report/page_picture.hpp"
 #include "host/look/web/page.hpp"
 #include "host/look/web/steps.hpp"
 #include "tools/commands.hpp"
@@ -26,9 +24,6 @@ namespace ubs::tools {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Maximum side of the poster in the page [pixels].
-constexpr int kLongestPoster = 1024;
 
 struct WebOptions : ModelOptions {
   explicit WebOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) { split = "train"; }
@@ -54,12 +49,23 @@ web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, co
   return page;
 }
 
-Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
-                   const TrainSettings& settings, const Camera& camera) {
-  ModelSession session(device, model, settings, false);
-  session.renderer().set_cameras({camera});
-  session.renderer().forward(session.model().view(), 0, session.settings(), false);
-  return picture(session.renderer().download(), Channel::rgb);
+// Draws the poster of the page and saves it if the user asked for its file. `device` is opened if it is not
+// open yet, as for an exact page. Without --poster, a machine that cannot draw is no error: the page is then
+// black until its first frame, and a note says so.
+std::string poster_of(const WebOptions& options, std::shared_ptr<Device> device, const MixedModel& model,
+                      const TrainSettings& settings, const Camera& camera) {
+  try {
+    if (!device) device = open_proved_device(options.device, drawing_use(model, settings, false));
+    const Image8 still = web::draw_poster(device, model, settings, camera);
+    if (!options.poster.empty()) save_png(options.poster, still);
+    return web::poster_uri(still);
+  } catch (const Error& error) {
+    const bool cannot_draw = error.kind() == ErrorKind::device || error.kind() == ErrorKind::build ||
+                             error.kind() == ErrorKind::memory || error.kind() == ErrorKind::faulty;
+    if (!options.poster.empty() || !cannot_draw) throw;
+    if (!options.quiet) remark("ubs: the page has no still picture for its start: {}\n", error.what());
+    return {};
+  }
 }
 
 int run(WebOptions& options) {
@@ -83,8 +89,7 @@ int run(WebOptions& options) {
   const std::vector<Camera> cameras = cameras_of(split);
   for (const SplatModel& group : loaded.model.groups) check_query(split, group.dim);
   std::shared_ptr<Device> device;
-  if (!options.exact || !options.poster.empty())
-    device = open_proved_device(options.device, drawing_use(loaded.model, settings, !options.exact));
+  if (!options.exact) device = open_proved_device(options.device, drawing_use(loaded.model, settings, true));
   const web::PackedForWeb packed = options.exact
                                        ? web::PackedForWeb{pack_ubsz(loaded.model, loaded.comments), {}, {}}
                                        : web::pack_for_web(device, loaded.model, loaded.comments, cameras,
@@ -108,12 +113,8 @@ int run(WebOptions& options) {
   } else {
     web::ViewerPage page = page_of(options, loaded, split);
     for (const web::PackedForWeb::Level& level : packed.levels) page.parts.push_back(level.bytes);
-    if (!options.poster.empty()) {
-      const Image8 still =
-          draw_poster(device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
-      save_png(options.poster, still);
-      page.poster = page_picture(still, kLongestPoster);
-    }
+    page.poster =
+        poster_of(options, device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
     write_file_atomically(options.out, web::web_page(page, settings, model));
   }
   json["bytes"] = file_bytes(options.out);
@@ -163,7 +164,8 @@ Command add_web(CLI::App& root) {
       ->type_name("K");
   app->add_option("--view", options->view, "index of the camera that the page starts with [0]")
       ->type_name("K");
-  app->add_option("--poster", options->poster, "add a still image of that camera, which the page shows first")
+  app->add_option("--poster", options->poster,
+                  "also save the still image of that camera, which the page shows until its first frame")
       ->type_name("FILE.png");
   app->add_flag("--embed", options->embed,
                 "for embedding in another page: controls are folded, and the mouse wheel scrolls the outer "

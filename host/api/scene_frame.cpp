@@ -21,6 +21,10 @@ constexpr double kFloorRatio = 3;
 constexpr double kBulk = 6;
 // Share of the opacity that must fit into the image, and the margin around it.
 constexpr double kShown = 0.995, kMargin = 1.05;
+// Widest gap between neighbouring cameras around a scene that counts as seen from all sides [rad]. Four
+// cameras on a circle are 90 degrees apart.
+constexpr double kWidestGap = 1.75;
+constexpr double kLeastSideways = 0.1;         // share of a camera's distance, for it to stand on a side
 constexpr int kAzimuths = 12;                  // number of directions from which it must fit
 constexpr std::size_t kEnoughSplats = 100000;  // more splats do not change the medians visibly
 
@@ -186,6 +190,23 @@ Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   return up;
 }
 
+// Returns whether the cameras stand on all sides of the frame's centre: around the up axis, no two neighbours
+// are more than kWidestGap apart. Cameras above or below the centre have no side.
+bool on_all_sides(const SceneFrame& frame, std::span<const Camera> cameras) {
+  const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);
+  std::vector<double> azimuths;
+  for (const Camera& c : cameras) {
+    const Vec3 away = c.centre() - frame.centre;
+    const double x = dot(away, side), y = dot(away, other);
+    if (std::hypot(x, y) > kLeastSideways * length(away)) azimuths.push_back(std::atan2(y, x));
+  }
+  if (azimuths.empty()) return false;
+  std::ranges::sort(azimuths);
+  double widest = 2 * std::numbers::pi - (azimuths.back() - azimuths.front());
+  for (std::size_t i = 1; i < azimuths.size(); ++i) widest = std::max(widest, azimuths[i] - azimuths[i - 1]);
+  return widest <= kWidestGap;
+}
+
 void use_cameras(SceneFrame& frame, std::span<const Camera> cameras) {
   frame.distance = median(cameras, [&](const Camera& c) { return length(c.centre() - frame.centre); });
   frame.elevation = median(cameras, [&](const Camera& c) {
@@ -226,7 +247,6 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
   if (cameras.empty()) splats = bulk_of(splats);
   const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
   SceneFrame frame;
-  frame.around = meeting.has_value();
   if (hints.up)
     frame.up = normalised(*hints.up);
   else
@@ -235,6 +255,7 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
                  : meeting         ? *meeting
                  : cameras.empty() ? middle_of(splats)
                                    : median_point(splats);
+  frame.around = meeting && on_all_sides(frame, cameras);
   frame.size = weighted(splats, 0.5, [&](const Splat& s) { return length(s.at - frame.centre); });
   frame.elevation = hints.elevation.value_or(std::numbers::pi / 9);
   if (cameras.empty())

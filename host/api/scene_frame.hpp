@@ -23,7 +23,7 @@ struct SceneFrame {
   Pose mean;                  // the mean of the cameras, for paths of forward-facing scenes
   double focus = 4;           // depth of the scene as seen from that pose, > 0
   double spread = 0.5;        // radius within which the cameras are around the mean pose, > 0
-  bool around = false;        // the cameras look at one point from many sides
+  bool around = false;        // the cameras look at one point from all sides: an orbit sees what they saw
   std::vector<double> extra;  // values of the queries after time, for cameras that do not state them
 };
 

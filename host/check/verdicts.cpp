@@ -66,7 +66,7 @@ Json read_builds(const std::string& file, const std::string& device) {
   std::error_code error;
   if (file.empty() || !fs::exists(file, error)) return Json::object();
   try {
-    const Json json = Json::parse(read_text_file(file));
+    const Json json = parse_json(read_text_file(file), file);
     if (json.at("device") == device && json.at("builds").is_object()) return json["builds"];
   } catch (const std::exception&) {  // the file is written again later
   }

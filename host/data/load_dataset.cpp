@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 
 #include "host/base/error.hpp"
@@ -56,21 +57,55 @@ LoadedScene load_blender(const fs::path& folder, const DatasetOptions& options) 
   return scene;
 }
 
-std::vector<std::array<double, 3>> centres_of(const Split& split) {
-  std::vector<std::array<double, 3>> centres;
-  for (const View& view : split.views) centres.push_back(view.camera.centre());
-  return centres;
+std::array<double, 3> mean_position(const Split& split) {
+  std::array<double, 3> mean{};
+  for (const View& view : split.views) {
+    const std::array<double, 3> c = view.camera.centre();
+    for (std::size_t k = 0; k < 3; ++k) mean[k] += c[k] / static_cast<double>(split.views.size());
+  }
+  return mean;
 }
 
-// Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero.
-std::array<double, 3> choose_offset(const Split& split) {
-  std::array<double, 3> mean{};
-  for (const auto& c : centres_of(split))
-    for (std::size_t k = 0; k < 3; ++k) mean[k] += c[k] / static_cast<double>(split.views.size());
-  const double distance = std::hypot(mean[0], mean[1], mean[2]);
-  if (split.views.size() < 2 || !(distance > kFarFromOrigin * scene_extent(split.views))) return {};
-  for (double& m : mean) m = std::round(m);
+double length_of(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
+
+// Positions of cameras are the same if they differ by rounding errors of the files, which are relative to the
+// distance from the origin. At the origin there is no distance to compare with, so positions within
+// kLeastRounding are the same: if the data are in kilometres, this is a hundredth of a millimetre. Far from
+// the origin, positions that differ by more than kMostRounding are different: georeferenced data have the
+// digits for it.
+constexpr double kPositionRounding = 1e-7, kLeastRounding = 1e-8, kMostRounding = 1e-4;
+
+// Returns whether all cameras have the same position. Once the offset is subtracted, only rounding errors may
+// be left of the positions, so that at_one_place() could not decide it.
+bool stand_at_one_place(const Split& split) {
+  const double rounding = kPositionRounding * length_of(mean_position(split));
+  return position_spread(cameras_of(split)) <= std::clamp(rounding, kLeastRounding, kMostRounding);
+}
+
+// Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero. It is
+// rounded to whole units. If these are large compared with the extent, so that coordinates relative to them
+// could still be far from the origin, it is rounded to a power of ten below the extent.
+std::array<double, 3> choose_offset(const Split& split, bool one_place) {
+  std::array<double, 3> mean = mean_position(split);
+  const double extent = split.views.size() < 2 ? 0 : scene_extent(split.views);
+  if (split.views.size() < 2 || !(length_of(mean) > kFarFromOrigin * extent)) return {};
+  double steps = 1;  // per unit; a whole number, so that the quotient below has few decimal places
+  if (!one_place && std::sqrt(3) / 2 > kFarFromOrigin * extent)
+    steps = std::pow(10, std::ceil(-std::log10(extent)));
+  for (double& m : mean) m = std::round(m * steps) / steps;
   return mean;
+}
+
+// Moves the origin of all splits to the position that the cameras of `reference`, a split of `data`, have in
+// common, and makes their positions exactly equal, so that at_one_place() returns true.
+void unite_positions(Dataset& data, Split& reference) {
+  const std::array<double, 3> mean = mean_position(reference);
+  std::array<double, 3> to = data.offset;
+  if (length_of(mean) > kLeastRounding)
+    for (std::size_t k = 0; k < 3; ++k) to[k] += mean[k];
+  for (Split& split : data.splits) rebase(split.views, data.offset, to);
+  for (View& view : reference.views) view.camera.translation = {};
+  data.offset = to;
 }
 
 bool wanted(const DatasetOptions& options, const std::string& split) {
@@ -121,6 +156,68 @@ std::vector<fs::path> pictures_in(const fs::path& folder) {
     if (!file.filename().string().starts_with('.') && has_image_extension(file) && is_regular(file))
       pictures.push_back(file);
   return pictures;
+}
+
+namespace {
+
+// Files with pictures that ubs does not read. In `command`, {0} is the file and {1} its extension.
+struct OtherPictures {
+  const char* what;
+  std::initializer_list<std::string_view> extensions;
+  const char* command;  // makes images of the files, in their folder
+};
+
+const OtherPictures kVideo{
+    "video", {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"}, "ffmpeg -i {0} -vf fps=2 %04d.png"};
+const OtherPictures kHeic{"HEIC photograph",
+                          {".heic", ".heif", ".hif"},
+                          R"(for f in *{1}; do heif-convert "$f" "${{f%.*}}.jpg"; done)"};
+const OtherPictures kRaw{"RAW photograph",
+                         {".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw"},
+                         R"(for f in *{1}; do darktable-cli "$f" "${{f%.*}}.jpg"; done)"};
+
+const OtherPictures* other_pictures(const fs::path& file) {
+  if (file.filename().string().starts_with('.') || !is_regular(file)) return nullptr;
+  for (const OtherPictures* kind : {&kVideo, &kHeic, &kRaw})
+    if (std::ranges::find(kind->extensions, small_extension(file)) != kind->extensions.end()) return kind;
+  return nullptr;
+}
+
+std::string conversion_of(const OtherPictures& kind, const fs::path& file) {
+  const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
+  return fmt::format("cd {}; {}", shell_word(folder.string()),
+                     fmt::format(fmt::runtime(kind.command), shell_word(file.filename().string()),
+                                 file.extension().string()));
+}
+
+}  // namespace
+
+std::string how_to_make_images(const fs::path& path) {
+  if (!is_folder(path)) {
+    const OtherPictures* kind = other_pictures(path);
+    if (kind == &kVideo)
+      return fmt::format(
+          "this is a video: cut it into images ('mkdir photos; ffmpeg -i {} -vf fps=2 photos/%04d.png'), "
+          "then "
+          "find their cameras with 'ubs cameras photos'",
+          shell_word(path.string()));
+    return kind ? fmt::format(
+                      "this is one {}, which ubs does not read: convert all in its folder ('{}'), then pass "
+                      "the "
+                      "folder to 'ubs cameras'",
+                      kind->what, conversion_of(*kind, path))
+                : std::string();
+  }
+  for (const fs::path& folder : {path, path / "images"}) {
+    if (!is_folder(folder)) continue;
+    std::map<const OtherPictures*, std::vector<fs::path>> found;
+    for (const fs::path& file : folder_entries(folder))
+      if (const OtherPictures* kind = other_pictures(file)) found[kind].push_back(file);
+    for (const auto& [kind, files] : found)
+      return fmt::format("{} {}{}, which ubs does not read as images: convert them ('{}')", files.size(),
+                         kind->what, files.size() == 1 ? "" : "s", conversion_of(*kind, files.front()));
+  }
+  return {};
 }
 
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used) {
@@ -214,10 +311,23 @@ std::string detect_layout(const fs::path& path) {
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
       fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
            path.string(), count, shell_word(path.string()));
+  if (const std::string hint = how_to_make_images(path); !hint.empty())
+    fail(ErrorKind::data, "{}: {}, then find their cameras with 'ubs cameras {}'", path.string(), hint,
+         shell_word(path.string()));
   std::vector<std::string_view> known;
   for (const Layout& layout : kLayouts) known.push_back(layout.has);
   fail(ErrorKind::data, "{}: not a data set: the folder has none of: {}", path.string(),
        fmt::join(known, "; "));
+}
+
+std::string camera_files_in(const fs::path& folder) {
+  std::vector<std::string> names;
+  for (const char* split : kSplits)
+    if (has_blender_split(folder, split)) names.push_back(fmt::format("transforms_{}.json", split));
+  if (path_exists(folder / "transforms.json")) names.emplace_back("transforms.json");
+  if (const fs::path model = find_colmap_model(folder); !model.empty()) names.push_back(model.string());
+  if (path_exists(folder / "poses_bounds.npy")) names.emplace_back("poses_bounds.npy");
+  return fmt::format("{}", fmt::join(names, ", "));
 }
 
 Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
@@ -248,16 +358,19 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
                                             data.report.wide_images, data.report.wide_views));
   data.report.layout = layout.name;
   data.report.folder = path.string();
-  const Split& reference = data.find("train") ? *data.find("train") : data.splits.front();
-  const bool already_local = scene.offset != std::array<double, 3>{};
-  data.offset = already_local ? scene.offset : choose_offset(reference);
-  if (data.offset != std::array<double, 3>{}) {
+  const auto train = std::ranges::find(data.splits, "train", &Split::name);
+  Split& reference = train == data.splits.end() ? data.splits.front() : *train;
+  const bool one_place = stand_at_one_place(reference);
+  data.offset = scene.offset == std::array<double, 3>{} ? choose_offset(reference, one_place) : scene.offset;
+  if (data.offset != std::array<double, 3>{})
     for (Split& split : data.splits) rebase(split.views, scene.offset, data.offset);
-    data.report.note(fmt::format("far from the origin: coordinates are relative to ({:.0f}, {:.0f}, {:.0f})",
+  if (one_place && !at_one_place(cameras_of(reference))) unite_positions(data, reference);
+  if (data.offset != std::array<double, 3>{})
+    data.report.note(fmt::format("far from the origin: coordinates are relative to ({}, {}, {})",
                                  data.offset[0], data.offset[1], data.offset[2]));
-  }
-  if (scene.points && !scene.points->positions.empty())
-    data.points = subtract_offset(*scene.points, already_local ? std::array<double, 3>{} : data.offset);
+  std::array<double, 3> moved = data.offset;
+  for (std::size_t k = 0; k < 3; ++k) moved[k] -= scene.offset[k];
+  if (scene.points && !scene.points->positions.empty()) data.points = subtract_offset(*scene.points, moved);
   return data;
 }
 

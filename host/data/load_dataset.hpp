@@ -55,6 +55,13 @@ bool has_image_extension(const std::filesystem::path& path);
 // Returns the image files in a folder, sorted, without those in subfolders. Returns nothing if the folder
 // does not exist.
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
+// Returns what to do with pictures that ubs does not read: HEIC and camera RAW photographs, and videos. For
+// such a file, or for a folder with such files (also in its subfolder `images`), the text says what they are
+// and has the command that makes images of them. For other paths the text is empty.
+std::string how_to_make_images(const std::filesystem::path& path);
+// Returns the names of the files in the folder that hold cameras, such as transforms.json; "" if there are
+// none.
+std::string camera_files_in(const std::filesystem::path& folder);
 
 // Returns the layout that `path` would be opened as. Throws an error that lists the files looked for if no
 // layout fits.

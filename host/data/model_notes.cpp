@@ -7,13 +7,13 @@
 #include <sstream>
 
 #include "host/base/error.hpp"
-#include "host/scene/pose.hpp"
 #include "host/scene/train_settings.hpp"
 
 namespace ubs {
 namespace {
 
-constexpr std::string_view kDrawn = "ubs_drawn ", kLens = "ubs_lens ", kCamera = "ubs_camera ";
+constexpr std::string_view kDrawn = "ubs_drawn ", kLens = "ubs_lens ", kCamera = "ubs_camera ",
+                           kUp = "ubs_up ";
 
 // Returns the numbers of a comment. Throws unless there are exactly `count` numbers and nothing else.
 std::vector<double> numbers(const std::string& comment, std::string_view words, std::size_t count,
@@ -98,6 +98,9 @@ std::vector<std::string> comments_of(const ModelNotes& notes) {
     lines.push_back(fmt::format("{}{:.7g} {:.7g} {:.7g} {:.7g} {:.7g} {:.7g} {:.7g} {:.7g}", kCamera, q.w,
                                 q.x, q.y, q.z, at[0], at[1], at[2], camera.time));
   }
+  if (notes.up)
+    lines.push_back(
+        fmt::format("{}{:.7g} {:.7g} {:.7g}", kUp, (*notes.up)[0], (*notes.up)[1], (*notes.up)[2]));
   return lines;
 }
 
@@ -108,6 +111,11 @@ ModelNotes notes_of(std::span<const std::string> comments, const std::string& na
     const std::string where = fmt::format("{}: comment '{}'", name, comment.substr(0, 80));
     if (comment.starts_with(kDrawn)) take_settings(comment, notes, name);
     if (comment.starts_with(kLens)) lens = lens_of(numbers(comment, kLens, 4, name), where);
+    if (comment.starts_with(kUp)) {
+      const std::vector<double> v = numbers(comment, kUp, 3, name);
+      notes.up = Vec3{v[0], v[1], v[2]};
+      if (!(length(*notes.up) > 1e-9)) fail(ErrorKind::data, "{}: has no direction", where);
+    }
     if (!comment.starts_with(kCamera)) continue;
     if (!lens) fail(ErrorKind::data, "{}: comes before {}", where, kLens);
     notes.cameras.push_back(camera_of(numbers(comment, kCamera, 8, name), *lens, where));

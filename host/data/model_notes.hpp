@@ -5,8 +5,10 @@
 //   ubs_drawn background=1,1,1 alpha_min=0 ...
 //   ubs_lens WIDTH HEIGHT FX FY
 //   ubs_camera QW QX QY QZ X Y Z TIME       world to camera, position in the coordinates of the model
+//   ubs_up X Y Z                            the up direction that the format of an imported file implies
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +16,7 @@
 #include <vector>
 
 #include "host/scene/camera.hpp"
+#include "host/scene/pose.hpp"
 
 namespace ubs {
 
@@ -22,6 +25,7 @@ struct ModelNotes {
       // Settings (kOfDrawing) with their values as text in the form of --set.
       drawing;
   std::vector<Camera> cameras;  // some of the training cameras, in their order
+  std::optional<Vec3> up;
 };
 
 inline constexpr std::size_t kNotedCameras = 12;  // about 100 numbers

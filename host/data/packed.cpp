@@ -80,6 +80,7 @@ class BlockList {
 
 Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   Json json{{"name", view.name}, {"camera", camera_json(view.camera)}, {"image", nullptr}};
+  if (!view.part_of.empty()) json["part_of"] = view.part_of;
   if (image.rgb.empty()) return json;
   if (image.width != view.camera.width || image.height != view.camera.height)
     fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
@@ -188,6 +189,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
       for (const Json& view : split.at("views")) {
         PackedView packed;
         view.at("name").get_to(packed.view.name);
+        packed.view.part_of = view.value("part_of", "");
         packed.view.camera = parse_camera(view.at("camera"));
         check_camera(packed.view.camera, fmt::format("view '{}'", packed.view.name));
         packed.image = block(view.at("image"));

@@ -5,7 +5,8 @@
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
 // The header describes each block by its offset from the end of the header, its size and its CRC-32. Version
 // 2 adds a block "mask" (one byte per pixel, 0 = does not count) for views that have a mask. Files without
-// masks are written as version 1.
+// masks are written as version 1. A view that shows a part of a wide image has a member "part_of" with the
+// name of that image. Earlier files lack it, and all their views are read as those of ordinary images.
 #pragma once
 
 #include <array>

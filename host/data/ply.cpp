@@ -265,6 +265,10 @@ void write_mixed_ply(const std::filesystem::path& path, const MixedModel& model,
   write_groups(path, model.groups, comments);
 }
 
+std::size_t mixed_ply_bytes(const MixedModel& model, std::span<const std::string> comments) {
+  return header_text(model.groups, comments).size() + sizeof(float) * model.parameters();
+}
+
 void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
                      std::span<const std::string> comments) {
   write_groups(path, std::span(&model, 1), comments);

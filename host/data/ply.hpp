@@ -36,5 +36,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatModel& model,
 // For a model with one group, writes the same file as write_splat_ply.
 void write_mixed_ply(const std::filesystem::path& path, const MixedModel& model,
                      std::span<const std::string> comments = {});
+// Returns the size of the file that write_mixed_ply() writes.
+std::size_t mixed_ply_bytes(const MixedModel& model, std::span<const std::string> comments = {});
 
 }  // namespace ubs

@@ -102,6 +102,7 @@ constexpr SplatFormat kFormats[] = {
      .read = read_spz,
      .write = write_spz,
      .keeps_antialiasing = true,
+     .rounds = true,
      .remarks = spz_remarks},
     {.name = "sog",
      .title = "SOG",
@@ -115,7 +116,8 @@ constexpr SplatFormat kFormats[] = {
          },
      .read = read_sog,
      .write = write_sog,
-     .keeps_antialiasing = true},
+     .keeps_antialiasing = true,
+     .rounds = true},
     {.name = "streamed-sog",
      .title = "streamed SOG",
      .extension = ".json",
@@ -161,6 +163,7 @@ constexpr SplatFormat kFormats[] = {
      .recognise = [](const FileStart& s) { return !s.bytes.empty() && s.extension == ".splat"; },
      .read = read_splat32,
      .write = write_splat32,
+     .rounds = true,
      .remarks = splat32_remarks},
 };
 
@@ -457,7 +460,9 @@ LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) 
   }
   const ImportedSplats splats = read_as(*loaded.format, path, time);
   loaded.offset = splats.offset;
-  if (splats.offset != std::array<double, 3>{}) loaded.comments = {make_offset_comment(splats.offset)};
+  loaded.notes.up = Vec3{0, -1, 0};  // y has the direction of the cameras' axes, which point down
+  loaded.comments = comments_of(loaded.notes);
+  if (splats.offset != std::array<double, 3>{}) loaded.comments.push_back(make_offset_comment(splats.offset));
   loaded.model = exact_model(splats);
   loaded.remarks = read_remarks(splats);
   return loaded;

@@ -44,6 +44,7 @@ struct SplatFormat {
   void (*write)(const std::filesystem::path& path, const ImportedSplats& splats);
   bool keeps_offset = false;
   bool keeps_antialiasing = false;  // stores whether splats were trained with it
+  bool rounds = false;              // write() stores fewer bits than float32 or leaves out parameters
   std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what else write() loses
   std::string_view second_extension = {};  // extension of files that the same function writes
   // For formats that store several moments of a dynamic model in one file. Null: a file has one moment.
@@ -95,7 +96,7 @@ struct LoadedModel {
   const SplatFormat* format = nullptr;    // of the file; null: not read from a file
   std::vector<std::string> comments;      // comments that a ubs file with this model has
   std::array<double, 3> offset{0, 0, 0};  // world = model + offset
-  ModelNotes notes;                       // from a ubs file
+  ModelNotes notes;                       // from a ubs file; of a third-party file only the up direction
   std::vector<std::string> remarks;       // what was dropped, not used or noticed while reading
 };
 

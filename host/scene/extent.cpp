@@ -23,15 +23,23 @@ double scene_extent(std::span<const View> views) {
   return 1.1 * largest;
 }
 
-bool at_one_place(std::span<const Camera> cameras) {
-  constexpr double kRounding = 1e-7;  // relative to the distance from the origin
-  double spread = 0, distance = 0;
+double position_spread(std::span<const Camera> cameras) {
+  double spread = 0;
   for (const Camera& camera : cameras) {
     const auto c = camera.centre(), first = cameras.front().centre();
     spread = std::max(spread, std::hypot(c[0] - first[0], c[1] - first[1], c[2] - first[2]));
+  }
+  return spread;
+}
+
+bool at_one_place(std::span<const Camera> cameras) {
+  constexpr double kRounding = 1e-7;  // relative to the distance from the origin
+  double distance = 0;
+  for (const Camera& camera : cameras) {
+    const auto c = camera.centre();
     distance = std::max(distance, std::hypot(c[0], c[1], c[2]));
   }
-  return spread <= kRounding * distance;
+  return position_spread(cameras) <= kRounding * distance;
 }
 
 }  // namespace ubs

@@ -13,7 +13,11 @@ namespace ubs {
 // single camera.
 double scene_extent(std::span<const View> views);
 
-// Returns whether all cameras have the same position, apart from rounding.
+// Returns the largest distance of a camera from the first one.
+double position_spread(std::span<const Camera> cameras);
+
+// Returns whether all cameras have the same position, apart from rounding: within 1e-7 of the distance from
+// the origin.
 bool at_one_place(std::span<const Camera> cameras);
 
 }  // namespace ubs

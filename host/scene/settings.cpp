@@ -41,19 +41,6 @@ std::optional<Number> parse(std::string_view text) {
   return value;
 }
 
-// Parses integers in the forms that people and YAML tools write, which include "1e4", "30000.0", "7k", "300K"
-// and "1.5M".
-std::optional<double> parse_whole(std::string_view text) {
-  const char last = text.empty() ? '\0' : text.back();
-  const double unit = last == 'k' || last == 'K' ? 1e3 : last == 'M' ? 1e6 : 1;
-  if (unit != 1) text.remove_suffix(1);
-  auto value = parse<double>(text);
-  if (value) *value *= unit;
-  if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value))
-    return std::nullopt;
-  return value;
-}
-
 std::vector<std::string_view> split(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
   for (std::size_t start = 0;;) {
@@ -214,6 +201,17 @@ bool assign(const FieldValue& field, std::string_view text) {
 }
 
 }  // namespace
+
+std::optional<double> parse_whole(std::string_view text) {
+  const char last = text.empty() ? '\0' : text.back();
+  const double unit = last == 'k' || last == 'K' ? 1e3 : last == 'M' ? 1e6 : 1;
+  if (unit != 1) text.remove_suffix(1);
+  auto value = parse<double>(text);
+  if (value) *value *= unit;
+  if (!value || !(std::abs(*value) <= 9007199254740992.0) || *value != std::floor(*value))
+    return std::nullopt;
+  return value;
+}
 
 std::string to_string(const Background& background) {
   if (background.learnt != Background::Learnt::no) return std::string(learnt_word(background.learnt));

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -25,6 +26,10 @@ std::string to_string(const Background& background);
 // Returns a description of the allowed values, for help texts and messages: "integer 1 to 8", "auto or number
 // >= 0", "cpu|gpu".
 std::string field_domain(const FieldValue& field);
+
+// Parses integers in the forms that people and YAML tools write, which include "1e4", "30000.0", "7k", "300K"
+// and "1.5M". Returns nothing for other texts.
+std::optional<double> parse_whole(std::string_view text);
 
 // Sets the field `key`. Throws Error(usage) with a message that starts with `origin` ("--set",
 // "run.yaml:3:1").

@@ -527,8 +527,8 @@ def test_harmonics() -> None:
 
 
 REFUSED: list[tuple[str, dict[str, Any]]] = [
-    ("absgrad=True with 4 channels", {"absgrad": True, "colors": torch.rand(30, 4)}),
-    ("absgrad", {"absgrad": True, "render_mode": "RGB+D"}),
+    ("absgrad=True with 4 channels", {"absgrad": True, "colors": torch.rand(30, 4, requires_grad=True)}),
+    ("absgrad", {"absgrad": True, "render_mode": "RGB+D", "viewmats": torch.eye(4).repeat(2, 1, 1).requires_grad_()}),
     ("extra_signals has the shape", {"extra_signals": torch.rand(31, 4)}),
     ("sparse_grad", {"sparse_grad": True, "packed": False}),
     ("distributed", {"distributed": True}),
@@ -561,6 +561,39 @@ def test_what_is_not_there_is_refused_by_name(word: str, changed: dict[str, Any]
     assert word in str(error.value) and "\n" not in str(error.value)
 
 
+def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
+    """A trainer evaluates with the arguments of its training, RGB+D among them."""
+    s = scene(splats=30)
+    size: Any = {"width": WIDTH, "height": HEIGHT, "render_mode": "RGB+D"}
+    expected = rasterization(**s, **size)[0]
+    assert float(expected.std()) > 0.01
+    assert torch.equal(rasterization(**s, **size, absgrad=True)[0], expected)  # nothing requires gradients
+    learnt = {name: value.clone().requires_grad_() for name, value in s.items()}
+    with torch.no_grad():
+        assert torch.equal(rasterization(**learnt, **size, absgrad=True)[0], expected)
+    with pytest.raises(ubs.UsageError, match="channel_chunk=3"):
+        rasterization(**learnt, **size, absgrad=True)
+
+
+def test_other_names_of_gsplat_are_imported_and_refused_when_called() -> None:
+    from ubs.gsplat import SelectiveAdam, export_splats, rasterization_2dgs, rasterization_inria_wrapper
+    from ubs.gsplat.absent import INSTEAD
+    from ubs.gsplat.rendering import rasterization_2dgs_inria_wrapper
+
+    calls: list[Any] = [SelectiveAdam, export_splats, rasterization_2dgs, rasterization_inria_wrapper]
+    for call in [*calls, rasterization_2dgs_inria_wrapper]:
+        with pytest.raises(ubs.UsageError, match=f"^{call.__name__} is not there in ubs.gsplat: "):
+            call(1, width=2)
+    assert len(INSTEAD) > 60 and not set(INSTEAD) & set(ubs.gsplat.__all__)
+    for name in INSTEAD:
+        with pytest.raises(ubs.UsageError) as error:
+            getattr(ubs.gsplat, name)()
+        assert str(error.value).startswith(f"{name} is not there") and INSTEAD[name] in str(error.value)
+    assert not hasattr(ubs.gsplat, "no_such_name")
+    with pytest.raises(ImportError):
+        from ubs.gsplat import no_such_name  # noqa: F401
+
+
 @pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
 def test_values_that_are_not_finite_are_refused(name: str) -> None:
     s = scene(splats=30)
@@ -572,11 +605,22 @@ def test_values_that_are_not_finite_are_refused(name: str) -> None:
 
 def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenCL of cards: values pass through host memory."""
-    from ubs import _raster
+    from ubs import _abi, _raster
+
+    calls: list[str] = []
+    original = _abi.call
+    monkeypatch.setattr(_abi, "call", lambda name, *arguments: (calls.append(name), original(name, *arguments))[1])
 
     def gradients() -> list[Any]:
         s = {key: value.clone().requires_grad_() for key, value in scene(channels=4).items()}
         monkeypatch.setattr(_raster, "_slots", [])
+        one = {key: value[:1] if key in ("viewmats", "Ks") else value for key, value in s.items()}
+        one["colors"] = s["colors"][:, :3]
+        for with_alpha in (False, True):
+            image, alpha, _ = rasterization(**one, width=WIDTH, height=HEIGHT)
+            calls.clear()
+            torch.autograd.grad(image.sum() + (alpha.sum() if with_alpha else 0), s["colors"])
+            assert calls.count("renderer_vjp") == 1 and calls.count("renderer_draw") == 0
         images, alphas, _ = rasterization(**s, width=WIDTH, height=HEIGHT)
         weights = torch.linspace(-1, 1, images.numel()).reshape(images.shape)
         ((images * weights).sum() + alphas.sum()).backward()
@@ -607,3 +651,17 @@ def test_the_example_fits_an_image(tmp_path: Path, capsys: pytest.CaptureFixture
     psnr = -10 * np.log10(((found - pattern) ** 2).mean())
     # 20.9 dB on PoCL, 6.0 dB before the first step
     assert psnr > 18 and "with 300 Gaussians" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("strategy", ["default", "mcmc"])
+def test_the_trainer_learns_the_test_views(strategy: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sys.path.insert(0, str(Path(__file__).parent.parent / "examples"))
+    import gsplat_train
+
+    gsplat_train.main([str(folder), "--strategy", strategy, "--steps", "150", "--gaussians", "400", "--cap-max", "700"])
+    last = capsys.readouterr().out.splitlines()[-1].split()
+    assert last[0] == "PSNR" and last[4] == "2"
+    # 18.9 and 17.5 dB on PoCL, 7.1 dB before the first step
+    assert float(last[1]) > 15
+    count = int(last[7])
+    assert count != 400 and (strategy == "default" or 400 < count <= 700)

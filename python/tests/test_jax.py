@@ -12,10 +12,13 @@ jax = pytest.importorskip("jax", reason="SKIPPED: JAX is not there")
 
 import ubs  # noqa: E402
 import ubs.jax  # noqa: E402
+from ubs import _abi  # noqa: E402
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_gradients_are_those_of_the_library(folder: Path, compiled: bool) -> None:
+def test_gradients_are_those_of_the_library(
+    folder: Path, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     data = ubs.Dataset.open(folder)
     model = ubs.train(data, iterations=30, init_points=300, cap_max=400, dim=6)
     camera = data.test[0].camera
@@ -28,7 +31,11 @@ def test_gradients_are_those_of_the_library(folder: Path, compiled: bool) -> Non
         return sum((picture * weight).sum() for picture, weight in zip(view(p), v))
 
     gradient = jax.grad(number)
-    found = (jax.jit(gradient) if compiled else gradient)(parameters)
+    calls: list[str] = []
+    original = _abi.call
+    monkeypatch.setattr(_abi, "call", lambda name, *arguments: (calls.append(name), original(name, *arguments))[1])
+    found = jax.block_until_ready((jax.jit(gradient) if compiled else gradient)(parameters))
+    assert calls.count("renderer_vjp") == 1 and calls.count("renderer_draw") == 1  # the image is not rendered again
     renderer = ubs.Renderer(model, depth=True, gradients=True)
     pictures = renderer.render(camera)
     for mine, expected in zip(view(parameters), (pictures.rgb, pictures.alpha, pictures.depth)):

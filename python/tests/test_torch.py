@@ -21,6 +21,7 @@ torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
 import ubs  # noqa: E402
 import ubs.torch  # noqa: E402
 from ubs import _abi  # noqa: E402
+from ubs._drawing import Drawing  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +50,13 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
         assert np.array_equal(values, model.parameters[name])
 
 
-def test_a_gradient_does_not_render_the_image_again(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_gradient_does_not_render_the_image_again(
+    data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch, shared: bool
+) -> None:
     splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
+    if not shared:  # as on OpenCL cards: values pass through host memory
+        splats._drawing.place = None
     cameras = [view.camera for view in data.test]
     weights = torch.randn(40, 40, 3), torch.randn(40, 40)
     calls: list[str] = []
@@ -87,6 +93,42 @@ def test_a_gradient_does_not_render_the_image_again(data: ubs.Dataset, monkeypat
         assert all(torch.equal(a, b) for a, b in zip(alone, same))
     for changed in (both, other, moved):
         assert not all(torch.equal(a, b) for a, b in zip(alone, changed))
+
+
+def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = ubs.train(data, iterations=30, init_points=300, dim=6)
+    drawing = Drawing(model, None, False)
+    cameras = [view.camera for view in data.test]
+    arrays = [values.copy() for values in model.parameters.values()]
+    random = np.random.default_rng(1)
+    v = [random.normal(size=size).astype(np.float32) for size in ((40, 40, 3), (40, 40))]
+    calls: list[str] = []
+    original = _abi.call
+    monkeypatch.setattr(_abi, "call", lambda name, *arguments: (calls.append(name), original(name, *arguments))[1])
+
+    def gradient(camera: ubs.Camera, arrays: list[Any], expected: int) -> dict[str, Any]:
+        calls.clear()
+        found = drawing.differentiate(camera, arrays, v)
+        assert calls.count("renderer_draw") == expected
+        return found
+
+    def same(a: dict[str, Any], b: dict[str, Any]) -> bool:
+        return all(np.array_equal(a[name], b[name]) for name in a)
+
+    drawing.draw(cameras[0], arrays, True)
+    first = gradient(cameras[0], [values.copy() for values in arrays], 0)  # JAX passes other arrays with equal values
+    assert same(first, ubs.vjp(model, cameras[0], *v))
+    assert same(gradient(cameras[0], arrays, 1), first)  # the gradient of alpha has used up the image
+    drawing.draw(cameras[0], arrays)
+    assert same(gradient(cameras[0], arrays, 1), first)  # drawn for no gradient
+    drawing.draw(cameras[0], arrays, True)
+    assert not same(gradient(cameras[1], arrays, 1), first)
+    drawing.draw(cameras[0], arrays, True)
+    moved = [arrays[0] + np.float32(0.01), *arrays[1:]]
+    assert not same(gradient(cameras[0], moved, 1), first)
+    drawing.draw(cameras[0], moved, True)
+    drawing.put(arrays)
+    assert same(gradient(cameras[0], arrays, 1), first)  # the values have been replaced since
 
 
 def test_threads_get_their_own_pictures_and_gradients(data: ubs.Dataset) -> None:

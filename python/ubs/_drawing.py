@@ -7,6 +7,8 @@ from __future__ import annotations
 import threading
 from typing import Any, Sequence
 
+import numpy as np
+
 from ._data import Camera, FloatArray, floats
 from ._device import DeviceLike, opened
 from ._errors import UsageError
@@ -21,7 +23,8 @@ class Drawing:
         self.device, self.depth, self.settings = opened(device), depth, settings or {}
         self.names = list(self.model.parameters)
         self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
-        # What the last image was rendered for, while the device has what its gradient needs; set by ubs.torch.
+        # What the last image was rendered for, while the device has what its gradient needs: an object of ubs.torch, or
+        # the camera of draw().
         self.kept: object = None
         self._make()
 
@@ -64,12 +67,19 @@ class Drawing:
             self.values[name] = floats(array, self.values[name].shape, name)
         self.renderer.update(self.model)
 
-    def draw(self, camera: Camera, arrays: Sequence[FloatArray]) -> Image:
+    def draw(self, camera: Camera, arrays: Sequence[FloatArray], for_gradient: bool = False) -> Image:
         self.put(arrays)
-        return self.renderer.render(camera)
+        image = self.renderer.render(camera, for_gradient=for_gradient)
+        self.kept = camera if for_gradient else None
+        return image
 
     def differentiate(
         self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
     ) -> dict[str, FloatArray]:
-        self.put(arrays)  # another image may have been rendered since
-        return self.renderer.vjp(camera, *v_pictures)[0]
+        """Renders again unless draw() with for_gradient has rendered this camera and these values last."""
+        same = all(np.array_equal(self.values[name], array) for name, array in zip(self.names, arrays))
+        if self.kept is not camera or not same:
+            self.put(arrays)
+            self.renderer.draw(camera, for_gradient=True)
+        self.kept = None
+        return self.renderer.vjp(None, *v_pictures)[0]

@@ -325,12 +325,17 @@ class Renderer(_abi.Handle):
                 f"{width}x{height} pixels are drawn, or use another renderer"
             )
 
-    def render(self, camera: Camera, time: float | None = None) -> Image:
-        """Renders a view."""
-        return self._draw(camera, time)
+    def render(self, camera: Camera, time: float | None = None, *, for_gradient: bool = False) -> Image:
+        """Renders a view. `for_gradient`: as in draw()."""
+        return self._draw(camera, time, for_gradient=for_gradient)
 
     def _draw(
-        self, camera: Camera, time: float | None, alpha: bool = True, out: FloatArray | None = None
+        self,
+        camera: Camera,
+        time: float | None,
+        alpha: bool = True,
+        out: FloatArray | None = None,
+        for_gradient: bool = False,
     ) -> Image:
         c = (camera if time is None else camera.at(time)).to_c()
         size = (max(camera.height, 0), max(camera.width, 0))
@@ -345,10 +350,11 @@ class Renderer(_abi.Handle):
         weight = np.empty(size if alpha else 0, np.float32)
         depth = np.empty(size, np.float32) if self._depth else None
         wanted = c_pointer(weight) if alpha else None
-        image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth))
+        image = _abi.Image(rgb=c_pointer(rgb), alpha=wanted, depth=c_pointer(depth), for_gradient=for_gradient)
         with self._lock:
             self._take_size(*size)
             _abi.call("renderer_draw", self, ctypes.byref(c), ctypes.byref(image))
+            self._kept_size = size
         return Image(rgb, weight, depth)
 
     def draw(self, camera: Camera, *, for_gradient: bool = False) -> None:
@@ -406,8 +412,8 @@ class Renderer(_abi.Handle):
     ) -> list[dict[str, FloatArray]]:
         """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
         camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. camera: None:
-        differentiates the image of the last draw(camera, for_gradient=True) or vjp(camera), and does not render it
-        again. UsageError if the parameters were replaced or requested since, or gradients of alpha or depth computed."""
+        differentiates the image of the last draw() or render() with for_gradient=True, or vjp(camera), and does not
+        render it again. UsageError if the parameters were replaced or requested since, or gradients of alpha or depth computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
         # Any other address would be read as host memory

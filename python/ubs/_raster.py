@@ -91,7 +91,8 @@ class Slot:
     def draw(self, camera: Camera, where: torch.device, for_gradient: bool) -> tuple[Tensor, Tensor]:
         """Renders, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
         if not self.shared:
-            image = self.renderer.render(camera)
+            image = self.renderer.render(camera, for_gradient=for_gradient)
+            self.kept = for_gradient
             return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)
         self.renderer.draw(camera, for_gradient=for_gradient)
         self.kept = for_gradient
@@ -103,16 +104,18 @@ class Slot:
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
         """Returns gradients of the used rows of each parameter. They are valid until the next call."""
+        if not self.kept:
+            self.renderer.draw(camera, for_gradient=True)
+        self.kept = False
         if self.shared:
-            if not self.kept:
-                self.renderer.draw(camera, for_gradient=True)
-            self.kept = v_alpha is None
             self.renderer.vjp(None, gradient_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
+            self.kept = v_alpha is None
             rows = self._array("gradient")[:, : self.used]
             if not is_finite(rows):
                 raise NumericalError("a gradient of the splats is not finite")
             return self._split(rows)
-        found = self.renderer.vjp(camera, *(None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)))
+        found = self.renderer.vjp(None, *(None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)))
+        self.kept = v_alpha is None
         return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in found[0].items()}
 
 

@@ -7,7 +7,9 @@
     parameters = splats.parameters()                 # {"xyz": (splats, 3), ...}
     jax.grad(lambda p: my_loss(*view(p)))(parameters)
 
-Values are copied through host memory. Only first-order reverse derivatives with respect to the parameters exist."""
+Values are copied through host memory. Only first-order reverse derivatives with respect to the parameters exist. They
+are those of the rendered image, which includes the path through the view direction; query_grad=False leaves it out, as
+`ubs train` does."""
 
 from __future__ import annotations
 
@@ -27,7 +29,11 @@ Parameters = dict[str, Any]
 
 class Splats:
     """A model of one dimension as functions of its raw parameters, whose number of splats may change from call to call.
-    With `depth`, images include depth. `settings`: those of ubs.Renderer."""
+    With `depth`, images include depth. `settings`: those of ubs.Renderer, such as background.
+
+    Gradients are those of the rendered image: they include the path through the view direction to the positions of the
+    splats, which training with `ubs train` and publications leave out. The setting query_grad=False leaves it out here
+    too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         self._drawing = Drawing(model, device, depth, settings)
@@ -48,10 +54,13 @@ class Splats:
         pictures = tuple(jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes)
 
         # JAX calls these functions from its own threads.
-        def draw(parameters: Parameters) -> tuple[FloatArray | None, ...]:
+        def draw(parameters: Parameters, for_gradient: bool = False) -> tuple[FloatArray | None, ...]:
             with self._drawing.lock:
-                image = self._drawing.draw(camera, self._arrays(parameters))
+                image = self._drawing.draw(camera, self._arrays(parameters), for_gradient)
             return (image.rgb, image.alpha, image.depth)[: len(pictures)]
+
+        def draw_for_gradient(parameters: Parameters) -> tuple[FloatArray | None, ...]:
+            return draw(parameters, True)
 
         def differentiate(parameters: Parameters, v: tuple[Any, ...]) -> dict[str, FloatArray]:
             with self._drawing.lock:
@@ -60,12 +69,15 @@ class Splats:
         def seen(parameters: Parameters) -> Any:
             return jax.pure_callback(draw, pictures, parameters)
 
+        def forward(parameters: Parameters) -> tuple[Any, Parameters]:
+            return jax.pure_callback(draw_for_gradient, pictures, parameters), parameters
+
         def backward(parameters: Parameters, v: tuple[Any, ...]) -> tuple[Any]:
             like = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in parameters.items()}
             return (jax.pure_callback(differentiate, like, parameters, v),)
 
         function = jax.custom_vjp(seen)
-        function.defvjp(lambda parameters: (seen(parameters), parameters), backward)
+        function.defvjp(forward, backward)
         made: Callable[[Parameters], tuple[Any, ...]] = function
         return made
 

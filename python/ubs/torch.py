@@ -12,7 +12,8 @@ code of one's own.
 
 Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
 copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
-respect to the camera if it is passed as tensors. Second-order gradients are not supported. All splats of a model must
+respect to the camera if it is passed as tensors. They are those of the rendered image, which includes the path through
+the view direction; query_grad=False leaves it out, as `ubs train` does. Second-order gradients are not supported. All splats of a model must
 have the same dimension."""
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], reason
     """`reason`: identifies the image for _differentiate(); None: it will not be differentiated."""
     _put(drawing, parameters)
     if not _is_shared(drawing, parameters[0]):
-        image = drawing.renderer.render(camera)
+        image = drawing.renderer.render(camera, for_gradient=reason is not None)
+        drawing.kept = reason
         pictures = (image.rgb, image.alpha) if image.depth is None else (image.rgb, image.alpha, image.depth)
         return tuple(torch.from_numpy(picture).to(parameters[0].device) for picture in pictures)
     drawing.renderer.draw(camera, for_gradient=reason is not None)
@@ -98,23 +100,22 @@ def _differentiate(
 ) -> list[Tensor]:
     """Returns contiguous gradients of each parameter, because a transposed gradient slows down every later
     operation."""
-    shared = _is_shared(drawing, parameters[0])
     if drawing.kept is not reason:  # another image has been rendered since
         _put(drawing, parameters)
-        if shared:
-            drawing.renderer.draw(camera, for_gradient=True)
-            drawing.kept = reason
-    if not shared:
-        found = drawing.renderer.vjp(camera, *(None if t is None else _array(t) for t in v))[0]
-        where = parameters[0].device
-        return [torch.from_numpy(found[name]).contiguous().to(where) for name in drawing.names]
-    if len(v) < 3 or v[2] is None:
-        if v[1] is not None:
-            drawing.kept = None
-        drawing.renderer.vjp(None, gradient_on_device(drawing.renderer, camera, v[0], v[1]), parameters=False)
+        drawing.renderer.draw(camera, for_gradient=True)
+    drawing.kept = None
+    shared = _is_shared(drawing, parameters[0])
+    given: list[Any] = []
+    if shared and (len(v) < 3 or v[2] is None):
+        given.append(gradient_on_device(drawing.renderer, camera, v[0], v[1]))
     else:
-        drawing.kept = None
-        drawing.renderer.vjp(None, *(None if t is None else _array(t) for t in v), parameters=False)
+        given += [None if t is None else _array(t) for t in v]
+    found = drawing.renderer.vjp(None, *given, parameters=not shared)
+    if all(t is None for t in v[1:]):  # gradients of alpha and depth overwrite the image
+        drawing.kept = reason
+    if not shared:
+        where = parameters[0].device
+        return [torch.from_numpy(found[0][name]).contiguous().to(where) for name in drawing.names]
     rows = _shared(drawing, "gradient")
     if not bool(torch.isfinite(rows).all()):
         raise NumericalError("a gradient of the parameters is not finite")
@@ -221,7 +222,12 @@ class _Render(torch.autograd.Function):
 class Splats(torch.nn.Module):
     """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
     in Model.parameters, such as `xyz`. They may be replaced by parameters of another number of splats. With `depth`,
-    images include depth. `settings`: those of ubs.Renderer, such as background, and its `falloff`. The module can be copied and saved."""
+    images include depth. `settings`: those of ubs.Renderer, such as background, and its `falloff`. The module can be
+    copied and saved.
+
+    Gradients are those of the rendered image: they include the path through the view direction to the positions of the
+    splats, which training with `ubs train` and publications leave out. The setting query_grad=False leaves it out here
+    too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "host/base/cache_folder.hpp"
 #include "host/base/error.hpp"
 #include "host/check/conformance.hpp"
 #include "host/check/gate.hpp"
@@ -176,6 +177,35 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   CHECK(check::choose_proved_device("", use, gate) == broken);
   check::Verdicts(devices[broken], build).forget();
   check::Verdicts(devices[0], build).forget();
+}
+
+// The cache folder may be shared, and then somebody else has written the file.
+TEST_CASE("verdicts: a file that another program wrote is read with the limits of all JSON, and replaced") {
+  const TempFolder folder;
+  DeviceInfo device;
+  device.name = fmt::format("Device of verdicts {}", ::getpid());
+  const check::Verdict verdict{"form", {check::Part::loss}, true};
+  check::Verdicts(device, "build").keep(verdict);
+  REQUIRE(check::Verdicts(device, "build").all().size() == 1);
+  fs::path file;
+  for (const auto& entry : fs::directory_iterator(kernel_cache_folder()))
+    if (entry.path().filename().string().starts_with("check-") &&
+        get(entry.path()).find(device.name) != std::string::npos)
+      file = entry.path();
+  REQUIRE_FALSE(file.empty());
+  const std::string text = get(file);
+  const std::string start = text.substr(0, text.rfind('}'));
+  const auto verdicts_with = [&](const std::string& more) {
+    put(file, start + more + "}");
+    return check::Verdicts(device, "build").all().size();
+  };
+  CHECK(verdicts_with(", \"more\": [[]]") == 1);
+  CHECK(verdicts_with(", \"deep\": " + std::string(200, '[') + std::string(200, ']')) == 0);
+  CHECK(verdicts_with(", \"builds\": {\"build\": 5}") == 0);
+  CHECK(verdicts_with(", not json") == 0);
+  check::Verdicts(device, "build").keep(verdict);
+  CHECK(check::Verdicts(device, "build").all().size() == 1);
+  fs::remove(file);
 }
 
 }  // namespace

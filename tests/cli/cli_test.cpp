@@ -113,11 +113,18 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "no data folder given");
   // What people give in place of a data folder.
-  for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4"}) std::ofstream(folder / name) << "x";
+  for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4", "IMG_1.HEIC"})
+    std::ofstream(folder / name) << "x";
   check_error(folder, "train scan.spz", 3,
               "this is a model, not a data set: show it with 'ubs view scan.spz'");
   check_error(folder, "train photo.JPG", 3, "this is one image: pass a folder of images");
-  check_error(folder, "train clip.mp4", 3, "this is a video: cut it into images");
+  for (const std::string command : {"train ", "cameras "}) {
+    check_error(folder, command + "clip.mp4", 3,
+                "this is a video: cut it into images ('mkdir photos; ffmpeg -i clip.mp4 -vf fps=2");
+    check_error(folder, command + "IMG_1.HEIC", 3,
+                "convert all in its folder ('cd .; for f in *.HEIC; do heif-convert \"$f\" \"${f%.*}.jpg\"; "
+                "done')");
+  }
   check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
   check_error(folder, "train --data d --out o --iterations 0", 2, "--iterations: iterations = '0'");
   check_error(folder, "train --data d --out o --lr-rgb nan", 2, "lr_rgb = 'nan'");
@@ -127,7 +134,7 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "render --model m --data d --out o --format jpg", 2, "jpg");
   check_error(folder, "eval --model m --data d --set iterations=3", 2, "unknown key 'iterations'");
   check_error(folder, "synth castle --out o", 2, "castle");
-  CHECK(file_count(folder.path()) == 5);  // stdout.txt and stderr.txt: nothing was made
+  CHECK(file_count(folder.path()) == 6);  // stdout.txt and stderr.txt: nothing was made
 }
 
 // Each ran, with exit code 0, as if the option were not there.

@@ -468,9 +468,15 @@ TEST_CASE("help: examples can be typed") {
 TEST_CASE("help: groups, examples, and few options first") {
   const TempFolder folder;
   const std::string alone = ubs_ok(folder, "").out;
-  for (const char* part :
-       {"Learn:", "Look:", "Convert:", "Devices:", "ubs train photos", "ubs devices --doctor"})
+  for (const char* part : {"First steps:", "Learn:", "Look:", "Convert:", "Devices:", "ubs train photos",
+                           "ubs devices --doctor"})
     CHECK_THAT(alone, Contains(part));
+  // Begins with what people do first.
+  std::vector<std::size_t> at;
+  for (const char* command : {"\n  train ", "\n  view ", "\n  render ", "\n  cameras ", "\n  report "})
+    at.push_back(alone.find(command));
+  CHECK(std::ranges::is_sorted(at));
+  CHECK(at.back() < alone.size());
   CHECK(alone.find("Exit codes") == std::string::npos);
   CHECK_THAT(ubs_ok(folder, "--help-all").out, Contains("Exit codes: 0 success"));
   const std::string help = ubs_ok(folder, "train --help").out, &all = whole_help("train");
@@ -624,7 +630,32 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   CHECK_THAT(get(folder / "calls.txt"),
              Contains("sequential_matcher") && Contains("--ImageReader.single_camera 1"));
   ubs_ok(folder, "train photos --out run --dim 3 --iterations 1 --init-points 20 --test-every 0 --quiet");
-  check_error(folder, "cameras photos --colmap ./colmap", 2, "cameras exist already");
+  check_error(folder, "cameras photos --colmap ./colmap", 2, "cameras are already there (");
+}
+
+TEST_CASE("cameras: cameras that are there, and photographs of other kinds, are recognised") {
+  const TempFolder folder;
+  fs::create_directories(folder / "photos/images");
+  for (int i = 0; i < 4; ++i)
+    save_png(folder / fmt::format("photos/images/p{}.png", i),
+             Image8{16, 12, std::vector<std::uint8_t>(3 * 16 * 12, 90), {}});
+  const std::string commands = ubs_ok(folder, "cameras photos --dry-run").out;
+  CHECK_THAT(commands, Contains("max_num_features 2048") && Contains("max_image_size 1600") &&
+                           Contains("--ExhaustiveMatching.block_size 10"));
+  put(folder / "photos/transforms.json", "{}");
+  check_error(folder, "cameras photos --dry-run", 2,
+              "cameras are already there (transforms.json): train with 'ubs train ");
+  check_error(folder, "cameras photos/images --dry-run", 2, "cameras are already there (transforms.json)");
+  for (const auto& [name, command] :
+       {std::pair{"a.HEIC", "heif-convert"}, {"a.NEF", "darktable-cli"}, {"a.mov", "ffmpeg -i a.mov"}}) {
+    for (const std::string where : {"raw", "raw/images"}) {
+      fs::remove_all(folder / "raw");
+      fs::create_directories(folder / where);
+      put(folder / where / name, "0");
+      for (const std::string ubs : {"cameras raw", "train raw --out run"})
+        check_error(folder, ubs, 3, command);
+    }
+  }
 }
 
 TEST_CASE("a report shows the worst view and remarks on what is wrong") {
@@ -639,7 +670,7 @@ TEST_CASE("a report shows the worst view and remarks on what is wrong") {
   const Result report = ubs_ok(folder, "report run --views 2");
   CHECK_THAT(report.out, Contains(fmt::format("the worst ('{}') among them", worst)));
   CHECK_THAT(get(folder / "run/report.html"), Contains(worst));
-  CHECK_THAT(report.err, Contains("as many splats as it may have (60)") && !Contains("extents"));
+  CHECK_THAT(report.err, Contains("as many splats as --cap-max allows (60)") && !Contains("extents"));
   // A splat far away, as one that no camera saw twice.
   SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
   model.row(0)[7] = 1e4f;

@@ -88,6 +88,17 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   const std::string background = "convert u7.ply b.spz --overwrite --time 0.5 --background ";
   CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("trained on background 1,0.5,0, "));
   CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
+  // A .ply of Gaussians has the layout that other programs read. A model of ours keeps what is up in the
+  // file.
+  ubs_ok(folder, "convert x.spz theirs.ply");
+  CHECK(detect_splat_format(folder / "theirs.ply").name == "3dgs");
+  ubs_ok(folder, "convert x.spz ours.ply --to ubs");
+  CHECK(load_splat_model(folder / "ours.ply").notes.up == Vec3{0, -1, 0});
+  for (const char* model : {"x.spz", "theirs.ply", "ours.ply"}) {
+    ubs_ok(folder, fmt::format("web {} --exact --out up.html --overwrite", model));
+    const std::string page = get(folder / "up.html"), up = page.substr(page.find("\"up\":["), 60);
+    CHECK_THAT(up, Contains(",-1.0,"));
+  }
   ubs_ok(folder, "convert x.spz x.splat");
   CHECK(read_foreign_splats(folder / "x.splat").count() == 1);
   ubs_ok(folder, "convert u7.ply x.glb --time 0.5");
@@ -156,7 +167,13 @@ TEST_CASE("cli: noted cameras of a model of more than seven dimensions get typic
   const std::vector<std::string> notes{"ubs_lens 32 24 30 30", "ubs_camera 1 0 0 0 0 0 -4 0"};
   write_splat_ply(folder / "m.ply", model, notes);
   ubs_ok(folder, "web m.ply --exact --out page.html");
-  CHECK(get(folder / "page.html").find("\"extra\":[0.25]") != std::string::npos);
+  const std::string page = get(folder / "page.html");
+  CHECK(page.find("\"extra\":[0.25]") != std::string::npos);
+  CHECK(page.find("\"poster\":\"data:image/") != std::string::npos);
+  // A machine that cannot draw still writes exact pages, without the still picture.
+  const Result without = ubs_ok(folder, "web m.ply --exact --out plain.html --device nonesuch");
+  CHECK_THAT(without.err, Contains("the page has no still picture for its start: "));
+  CHECK(get(folder / "plain.html").find("\"poster\":\"\"") != std::string::npos);
 }
 
 TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures", "[cli]") {
@@ -184,10 +201,39 @@ TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures
   CHECK(still["psnr_after"].is_number());
   CHECK(still["distilled"][0]["psnr_after"].get<double>() >
         still["distilled"][0]["psnr_before"].get<double>());
+  CHECK(still["loss"]["cameras"] == 4);
   CHECK(run_ubs(folder, "convert run s.ply --to ubs --distill 4s").code == 2);
   CHECK_THAT(run_ubs(folder, "convert run s3.ply --distill 1ms").err, Contains("budget"));
   CHECK_THAT(run_ubs(folder, "convert s.ply s4.spz --distill 4s").err,
              Contains("only apply when exporting a ubs model"));
+}
+
+TEST_CASE("cli: an export measures what it loses against the model itself", "[cli]") {
+  const TempFolder folder;
+  put_far_scene(folder, 0);
+  const std::string train =
+      "train data --iterations 60 --init-points 300 --background 1,0.5,0 --quiet --test-every 0 ";
+  ubs_ok(folder, train + "--dim 6 --out run");
+  const Result said = ubs_ok(folder, "convert run m.spz");
+  CHECK_THAT(said.out,
+             Contains("dB against the model itself, ") && Contains("dB on black (mean of 4 cameras)"));
+  const json loss = json::parse(ubs_ok(folder, "convert run m.spz --json --overwrite").out)["loss"];
+  const double psnr = loss["psnr"], on_black = loss["psnr_on_black"];
+  CHECK(psnr > 5);
+  CHECK(on_black > 5);
+  CHECK((std::min(psnr, on_black) < 35) ==
+        (said.out.find("add --distill 60s to fit the Gaussians to the model") != std::string::npos));
+  CHECK_FALSE(
+      json::parse(ubs_ok(folder, "convert run m.spz --json --no-measure --overwrite").out).contains("loss"));
+  CHECK_THAT(ubs_ok(folder, "convert run m.spz --device nonesuch --overwrite").out,
+             Contains("the loss of quality was not measured: ") && !Contains("against the model itself"));
+  // Gaussians lose nothing in a file that does not round them, and little in one that does.
+  ubs_ok(folder, train + "--dim 3 --kernel gaussian --colour sh3 --out gaussians");
+  CHECK_FALSE(json::parse(ubs_ok(folder, "convert gaussians g.ply --json").out).contains("loss"));
+  const json rounded = json::parse(ubs_ok(folder, "convert gaussians g.spz --json").out)["loss"];
+  CHECK(rounded["psnr"].get<double>() > 35);
+  CHECK(rounded["psnr_on_black"].get<double>() > 35);
+  CHECK_FALSE(rounded.contains("advice"));
 }
 
 TEST_CASE("cli: Gaussians go out as they came in, and every command reads them", "[cli]") {

@@ -134,7 +134,8 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   const std::string of_time = "train --data data --cap-max 700 --dim 3 --budget ";
   const Result run = ubs_ok(folder, of_time + "20s --out run --eval-every 400 --checkpoint-every 300");
   const std::string config = get(folder / "run/config.yaml");
-  for (const char* part : {"schedule ", " iterations in 20 s", "steps measured in"})
+  for (const char* part :
+       {"steps    being measured", "schedule ", " iterations in 20 s", "steps measured in"})
     CHECK_THAT(run.out, Contains(part));
   for (const char* part : {"pyramid: '4:0.", "cap_max: 700", "lr_scale: 0.0", "\nwork_shares: '", ":1'"})
     CHECK_THAT(config, Contains(part));
@@ -163,6 +164,13 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   CHECK(hopeless.code == 2);
   CHECK_THAT(hopeless.err, Contains("increase the budget"));
   CHECK_FALSE(fs::exists(folder / "x/model.ply"));
+  // What the command line alone shows to be wrong is said before the data are read, which would fail.
+  put(folder / "bad/transforms.json", "no JSON");
+  check_error(folder, "train bad --out x", 3, "bad/transforms.json");
+  check_error(folder, "train bad --out x --device nonesuch", 4, "'nonesuch' matches no device");
+  check_error(folder, "train bad --out x --budget 2ms", 2, "90s");
+  check_error(folder, "train bad --out x --budget 0.01s", 2, "increase the budget");
+  check_error(folder, "train bad --out x --cap-max none", 2, "cap_max");
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2,
               "remove --budget or --iterations");
   check_error(folder, "train --resume run --budget 9s", 2, "--budget");

@@ -112,15 +112,25 @@ TEST_CASE("outputs: of an earlier run's renders those go that its metrics list")
   CHECK(metrics.at("renders") == nlohmann::json{"r_000.png"});
   put(folder / "mine.png", "precious");
   put(folder / "run/renders/inner/mine.png", "precious");
-  metrics["renders"] = {"../../mine.png", (folder / "mine.png").string(), "inner/mine.png", "inner", "..", 7};
+  metrics["renders"] = {"../../mine.png",
+                        (folder / "mine.png").string(),
+                        "inner/mine.png",
+                        "inner",
+                        "..",
+                        7,
+                        std::string("r_000.png\0.png", 14)};
   put(folder / "run/metrics.json", metrics.dump());
   ubs_ok(folder, train("run", "--overwrite --save-renders 0"));
   CHECK(get(folder / "mine.png") == "precious");
   CHECK(get(folder / "run/renders/inner/mine.png") == "precious");
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
-  for (const char* damaged : {"", "[1]", "{\"renders\": 5}", "not json"}) {
+  const std::string deep = "{\"renders\": [\"r_000.png\"], \"deep\": " + std::string(200, '[') +
+                           std::string(200, ']') + "}";  // more than parse_json() reads
+  for (const std::string& damaged :
+       {std::string(), std::string("[1]"), std::string("{\"renders\": 5}"), std::string("not json"), deep}) {
     put(folder / "run/metrics.json", damaged);
     ubs_ok(folder, train("run", "--overwrite --save-renders 0"));
+    CHECK(fs::exists(folder / "run/renders/r_000.png"));
   }
 }
 

@@ -165,6 +165,31 @@ TEST_CASE("cli: what cannot be continued is one line") {
   CHECK(run_ubs(folder, "train --resume run --quiet --save-renders 1").code == 0);
 }
 
+#ifdef UBS_SCARCE_MEMORY
+// An image that is read during the training cannot be allocated.
+TEST_CASE("cli: a training that runs out of memory keeps its state, and is continued to the same bytes") {
+  const TempFolder folder;
+  constexpr int kSide = 201;  // ten images of 121 203 bytes do not fit into the cache
+  put_scene(folder / "data", kSide, 8, 2);
+  const std::string run =
+      "--data data --init-points 100 --cap-max 120 --dim 3 --iterations 100 --image-cache-mb 1 "
+      "--checkpoint-every 0 --save-renders 0 --quiet";
+  ubs_ok(folder, fmt::format("train {} --out whole", run));
+  const Result result =
+      test::run_command(folder, fmt::format("UBS_SCARCE_MEMORY={},60 LD_PRELOAD={} '{}' train {} --out run",
+                                            3 * kSide * kSide, UBS_SCARCE_MEMORY, UBS_EXECUTABLE, run));
+  INFO(result.err);
+  REQUIRE(result.code == 6);
+  CHECK_THAT(result.err, Contains("ubs: error: out of memory") &&
+                             Contains("was saved: resume with 'ubs train --resume run'"));
+  CHECK_FALSE(fs::exists(folder / "run/model.ply"));
+  const int iteration = read_checkpoint(folder / "run/checkpoint.ubs").state.iteration;
+  CHECK((iteration > 0 && iteration < 100));
+  ubs_ok(folder, "train --resume run --quiet");
+  CHECK(get(folder / "run/model.ply") == get(folder / "whole/model.ply"));
+}
+#endif
+
 // Finite parameters whose gradient is not: a large splat half way to the first camera, with colours of 1e38,
 // whose squares SSIM takes.
 void make_glaring(const fs::path& checkpoint, const fs::path& data) {

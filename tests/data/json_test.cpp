@@ -78,6 +78,23 @@ TEST_CASE("json: a million of anything is read", "[json]") {
   CHECK(json_text(object) == members + "\"end\":-1}");
 }
 
+// The parser of the library takes time with the square of the members, and has no limits.
+TEST_CASE("json: no source parses without the limits", "[json]") {
+  std::size_t files = 0;
+  for (const char* top : {"host", "tools", "cuda_backend"})
+    for (const auto& entry :
+         std::filesystem::recursive_directory_iterator(std::string(UBS_SOURCE_DIR) + "/" + top)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".cpp" && extension != ".hpp") continue;
+      ++files;
+      INFO(entry.path().string());
+      const std::string text = get(entry.path());
+      CHECK(text.find("Json::parse(") == std::string::npos);
+      CHECK(text.find("json::parse(") == std::string::npos);
+    }
+  CHECK(files > 300);
+}
+
 TEST_CASE("json: what could take more memory than there is, is refused with the numbers", "[json]") {
   CHECK_NOTHROW(require_memory(1 << 20, "x"));
   CHECK_THAT(

@@ -66,6 +66,8 @@ TEST_CASE("model notes: what is none is refused", "[ply]") {
   }
   CHECK_THAT(refused({"ubs_camera 1 0 0 0 1 2 3 0"}), Catch::Contains("ubs_lens"));
   CHECK_THAT(refused({"ubs_lens 64.5 48 50 50"}), Catch::Contains("64.5 pixels"));
+  CHECK(notes_of(comments_of({.up = Vec3{0, -1, 0}}), "m.ply").up == Vec3{0, -1, 0});
+  CHECK_THAT(refused({"ubs_up 0 0 0"}), Catch::Contains("no direction"));
   CHECK_THAT(refused({"ubs_drawn background"}), Catch::Contains("key=value"));
   // Of a later version.
   CHECK(notes_of(std::vector<std::string>{"ubs_drawn exposure=2 eps2d=0.1"}, "m.ply").drawing.size() == 1);

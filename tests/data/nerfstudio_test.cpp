@@ -8,6 +8,7 @@
 #include "host/data/colmap.hpp"
 #include "host/data/load_dataset.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/packed.hpp"
 #include "host/data/undistort.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
@@ -304,6 +305,95 @@ TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") 
 
   put(folder / "transforms.json", nerfstudio_json(kHead, "", 9, 100));
   CHECK(load_dataset(folder.path()).offset == std::array<double, 3>{});
+}
+
+namespace {
+
+// A file of frames whose cameras turn and are at `centre`, plus `spread` times numbers from -1 to 1.
+std::string frames_around(const std::array<double, 3>& centre, double spread, bool as_float = false) {
+  std::string text = "{" + kHead + "\"frames\": [";
+  for (int i = 0; i < 24; ++i) {
+    const double angle = 0.26 * i, c = std::cos(angle), s = std::sin(angle);
+    std::array<double, 3> at = centre;
+    for (std::size_t k = 0; k < 3; ++k) {
+      at[k] += spread * std::cos(7 * i + 2.0 * static_cast<double>(k));
+      if (as_float) at[k] = static_cast<float>(at[k]);
+    }
+    text += fmt::format(
+        R"({}{{"file_path": "images/f{}.png", "transform_matrix": [[{},0,{},{}],[{},0,{},{}],[0,1,0,{}],[0,0,0,1]]}})",
+        i ? "," : "", i, c, s, at[0], s, -c, at[1], at[2]);
+  }
+  return text + "]}";
+}
+
+}  // namespace
+
+// Also where the mean position is a whole number, so that nothing but rounding errors is left of it.
+TEST_CASE("dataset: cameras at one place are recognised wherever it is", "[dataset]") {
+  TempFolder folder;
+  put_frames(folder, 24);
+  struct Row {
+    std::array<double, 3> centre;
+    double spread;
+    bool as_float, one;
+  };
+  const auto load = [&](const std::filesystem::path& path) {
+    return open_undecoded(path, {.load_images = false});
+  };
+  for (const Row& row :
+       {Row{{0, -3, 1}, 0, false, true}, Row{{0, -3, 1}, 4e-16, false, true},
+        Row{{0, -3, 1}, 1e-9, false, true}, Row{{0, -3, 1}, 1e-7, false, true},
+        Row{{0, -3, 1}, 1e-7, true, true}, Row{{0, -3, 1}, 1e-4, false, false},
+        Row{{0, 0, 0}, 0, false, true}, Row{{0, 0, 0}, 4e-16, false, true}, Row{{0, 0, 0}, 1e-9, false, true},
+        Row{{0, 0, 0}, 1e-6, false, false}, Row{{1e-7, 0, 0}, 1e-9, false, true},
+        Row{{0.3, -3.1, 1}, 4e-16, false, true}, Row{{0.3, -3.1, 1}, 1e-9, false, true},
+        Row{{0.3, -3.1, 1}, 1e-7, true, true}, Row{{4e5, -5e6, 300}, 0, false, true},
+        Row{{4e5, -5e6, 300}, 1e-8, false, true}, Row{{4e5, -5e6, 300}, 2e-5, false, true},
+        Row{{4e5, -5e6, 300}, 0.01, false, false}}) {
+    INFO(row.centre[0] << " " << row.centre[1] << " " << row.centre[2] << ", spread " << row.spread);
+    put(folder / "transforms.json", frames_around(row.centre, row.spread, row.as_float));
+    Dataset data = load(folder.path());
+    const std::vector<Camera> cameras = cameras_of(*data.find("train"));
+    REQUIRE(cameras.size() == 21);
+    CHECK(at_one_place(cameras) == row.one);
+    for (const Split& split : data.splits)
+      for (const View& view : split.views)
+        for (std::size_t k = 0; k < 3; ++k)
+          CHECK(std::abs(view.camera.centre()[k] + data.offset[k] - row.centre[k]) <=
+                2 * row.spread + (row.as_float ? 1e-7 : 1e-9));
+    if (!row.one) continue;
+    write_packed(folder / "set.ubsd", {.splits = data.splits, .offset = data.offset});
+    const Dataset packed = load(folder / "set.ubsd");
+    CHECK(at_one_place(cameras_of(*packed.find("train"))));
+    CHECK(packed.offset == data.offset);
+  }
+}
+
+// The offset is rounded to whole units, or finer where these are large compared with the extent.
+TEST_CASE("dataset: the offset keeps the digits of data in a large unit", "[dataset]") {
+  TempFolder folder;
+  put_frames(folder, 24);
+  struct Row {
+    std::array<double, 3> centre;
+    double spread;
+    std::array<double, 3> offset;
+  };
+  for (const Row& row :
+       {Row{{4321987.2, -2.7, 5}, 3, {4321987, -3, 5}}, Row{{4321987.2, -2.7, 5}, 0.01, {4321987, -3, 5}},
+        Row{{0.03, -0.04, 0}, 3, {0, 0, 0}}, Row{{0.03, -0.04, 0}, 1e-5, {0.03, -0.04, 0}},
+        Row{{12.3456, -0.04, 0}, 1e-4, {12.3456, -0.04, 0}}}) {
+    INFO(row.centre[0] << ", spread " << row.spread);
+    put(folder / "transforms.json", frames_around(row.centre, row.spread));
+    const Dataset data = open_undecoded(folder.path(), {.load_images = false});
+    for (std::size_t k = 0; k < 3; ++k) CHECK(std::abs(data.offset[k] - row.offset[k]) <= row.spread / 2);
+    if (row.offset[0] == std::round(row.offset[0]))
+      for (std::size_t k = 0; k < 3; ++k) CHECK(data.offset[k] == std::round(data.offset[k]));
+    // In float32, the distances between cameras keep three digits.
+    if (row.spread > 1) continue;
+    for (const View& view : data.find("train")->views)
+      for (const double x : view.camera.centre())
+        CHECK(std::abs(static_cast<float>(x) - x) < 1e-3 * row.spread);
+  }
 }
 
 TEST_CASE("dataset: images beyond the cache are decoded on demand, with the same pixels", "[dataset]") {

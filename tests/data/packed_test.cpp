@@ -136,6 +136,7 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
       for (std::size_t i = 0; i < split.views.size(); ++i) {
         const View &view = split.views[i], &wanted = expected.views[i];
         CHECK(view.name == wanted.name);
+        CHECK(view.part_of == wanted.part_of);
         CHECK(view.camera.rotation == wanted.camera.rotation);
         CHECK(view.camera.translation == wanted.camera.translation);
         CHECK(view.camera.fx == wanted.camera.fx);
@@ -195,6 +196,27 @@ TEST_CASE("a packed data set opens as any other, and stays local to its offset",
     for (View& view : split.views) view.opaque = true;
   write_packed(folder / "opaque.ubsd", data);
   CHECK(load_dataset(folder / "opaque.ubsd").find("train")->views.at(1).opaque);
+}
+
+// Training treats the views of wide images differently (the opacity penalty), so packing must not hide them.
+TEST_CASE("a view of a wide image stays one in a packed file", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  for (Split& split : data.splits)
+    for (View& view : split.views) view.camera.translation = {-1, 2.5, 3};
+  write_packed(folder / "ordinary.ubsd", data);
+  CHECK(get(folder / "ordinary.ubsd").find("part_of") == std::string::npos);  // as earlier versions wrote it
+  data.splits[0].views[1].part_of = "ring/pano \xff";
+  write_packed(folder / "wide.ubsd", data);
+  CHECK(version_of(folder / "wide.ubsd") == 1);
+  const auto file = std::make_shared<const PackedFile>(folder / "wide.ubsd");
+  CHECK(file->split("train").views[1].part_of == "ring/pano \xff");
+  for (const auto& [name, wide] : {std::pair("ordinary.ubsd", false), std::pair("wide.ubsd", true)}) {
+    const Dataset opened = load_dataset(folder / name, {.background = data.background});
+    INFO(name);
+    CHECK(opened.find("train")->views.at(0).part_of.empty());
+    CHECK(opened.find("train")->views.at(1).part_of.empty() != wide);
+  }
 }
 
 TEST_CASE("every damaged byte of a packed file is noticed", "[packed]") {

@@ -105,7 +105,8 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
     CHECK(back.sh == splats.sh);
     CHECK(back.positions == splats.positions);
     CHECK(back.offset == splats.offset);
-    CHECK(load_splat_model(folder / "a.glb").comments == std::vector<std::string>{"ubs_offset 100 -2.5 7"});
+    CHECK(load_splat_model(folder / "a.glb").comments ==
+          std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 100 -2.5 7"});
     CHECK(d.rotation < 1e-6);
     CHECK(d.log_scale < 2e-6);  // exp and log in float32: 4.8e-7 observed
     CHECK(d.opacity < 2e-7);

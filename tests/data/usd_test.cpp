@@ -128,7 +128,7 @@ TEST_CASE("usd: the text holds every number, turned so that y points up", "[form
     CHECK(d.opacity < 2e-7);
   }
   CHECK(load_splat_model(folder / "a.usda").comments ==
-        std::vector<std::string>{"ubs_offset 4321987.0625 -2.5 7"});
+        std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 4321987.0625 -2.5 7"});
 }
 
 TEST_CASE("usd: what cannot be written is refused or said", "[formats]") {

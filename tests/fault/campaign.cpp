@@ -196,7 +196,12 @@ const std::vector<FaultKind>& writing_faults() {
       {"EINTR", open_calls | write_calls | sync_calls | close_calls, Fault::fail, EINTR},
       {"short write", write_calls, Fault::shorten},
       {"EACCES from here on", open_calls | rename_calls | remove_calls | make_calls, Fault::fail, EACCES,
-       true}};
+       true},
+      // As when the kernel makes a file system read-only after an error of the disk. Files that are already
+      // open for writing fail too.
+      {"EROFS from here on",
+       open_calls | write_calls | sync_calls | rename_calls | remove_calls | make_calls | resize_calls,
+       Fault::fail, EROFS, true}};
   return kinds;
 }
 

@@ -53,11 +53,12 @@ TEST_CASE("faults: convert, over an older file too") {
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   ubs_ok(folder, fmt::format("train {} run2 --seed 5", kTraining));
-  const Scenario scenario{.command = "convert run/model.ply out/m.spz --overwrite",
-                          .before = "convert run2/model.ply out/m.spz"};
+  const Scenario scenario{.command = "convert run/model.ply out/m.spz --no-measure --overwrite",
+                          .before = "convert run2/model.ply out/m.spz --no-measure"};
   attack(folder, "convert, disk and killed", scenario, both(writing_faults(), kills()), 2);
   attack(folder, "convert, reading",
-         {.command = "convert run/model.ply out/m.splat --overwrite", .watched = "run"}, reading_faults(), 1);
+         {.command = "convert run/model.ply out/m.splat --no-measure --overwrite", .watched = "run"},
+         reading_faults(), 1);
 }
 
 Scenario training() {
@@ -220,8 +221,8 @@ TEST_CASE("power cuts: what a command has reported stays, what it was about to w
   LoopDisk disk(folder / "out", "mkfs.ext4 -q -m 0");
   attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk},
          power_cuts(), 1);
-  attack(folder, "convert, power cut", {.command = "convert run/model.ply out/m.spz", .disk = &disk},
-         power_cuts(), 1);
+  attack(folder, "convert, power cut",
+         {.command = "convert run/model.ply out/m.spz --no-measure", .disk = &disk}, power_cuts(), 1);
   Scenario scenario = training();
   scenario.disk = &disk;
   attack(folder, "train, power cut", scenario, power_cuts(), 2);

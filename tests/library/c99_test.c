@@ -111,6 +111,13 @@ int main(void) {
   EXPECT(ubs_meter_create(device, NULL, NULL, &meter) == UBS_OK);
   EXPECT(ubs_meter_compare(meter, WIDTH, HEIGHT, rgb, rgb, &metrics) == UBS_OK);
   EXPECT(isinf(metrics.psnr) && fabs(metrics.ssim - 1) < 1e-6 && isnan(metrics.lpips_alex));
+  /* Images that are too large are refused before their pixels are read and before memory is allocated. */
+  for (i = 0; i < 4; ++i) {
+    static const int32_t sides[4][2] = {{65535, 65535}, {65536, 1}, {1, 2147483647}, {32768, 16385}};
+    metrics.ssim = 0.5;
+    EXPECT(ubs_meter_compare(meter, sides[i][0], sides[i][1], rgb, rgb, &metrics) == UBS_ERROR_USAGE);
+    EXPECT(strstr(ubs_error_message(), "is not possible") != NULL && metrics.ssim == 0.5);
+  }
 
   /* The published falloff, as expressions, gives the same image. */
   EXPECT(ubs_renderer_create_falloff(device, model, NULL, 0, &falloff, &other) == UBS_OK);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // `ubs reduce`, `--dim auto` and mixed files as a user meets them.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdlib>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "host/data/ply.hpp"
@@ -76,6 +78,38 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   CHECK(searched["search"].size() == 9);
 }
 
+TEST_CASE("cli: reduce keeps a number of splats, or what fits into a size", "[reduce]") {
+  const TempFolder folder;
+  put_scene(folder / "data", 32, 8, 3, "orbit");
+  ubs_ok(folder,
+         "train data --out run --dim 7 --conditioning covariance --iterations 200 --init-points 300 "
+         "--cap-max 350 --quiet");
+  const Result few = ubs_ok(folder, "reduce run data --out few.ply --splats 0.1k --quiet");
+  CHECK_THAT(few.out, Contains("few.ply: 100 of 350 splats, ") && Contains("PSNR of the test views"));
+  CHECK(std::ranges::count(few.out, '\n') == 1);
+  CHECK(read_mixed_ply(folder / "few.ply").count() == 100);
+
+  const std::size_t whole = std::filesystem::file_size(folder / "run/model.ply");
+  for (const double part : {0.9, 0.5, 0.2}) {
+    const double megabytes = part * static_cast<double>(whole) / 1e6;
+    ubs_ok(folder, fmt::format("reduce run data --out small.ply --size {} --quiet --overwrite", megabytes));
+    const auto size = static_cast<double>(std::filesystem::file_size(folder / "small.ply"));
+    CHECK(size <= 1e6 * megabytes);
+    CHECK(size > 1e6 * megabytes - 1000);  // a splat has at most 176 bytes
+  }
+  // The splats that contribute most stay.
+  const auto psnr = [&](const std::string& options) {
+    return json::parse(ubs_ok(folder, "reduce run data --out x.ply --json --quiet --overwrite " + options)
+                           .out)["train"]["after"]["psnr"]
+        .get<double>();
+  };
+  CHECK(psnr("--splats 300") > psnr("--splats 100"));
+  CHECK(psnr("--splats 400") == psnr("--lossless --only splats"));
+  const Result table =
+      ubs_ok(folder, "reduce run data --out x.ply --splats 300 --details --quiet --overwrite");
+  CHECK_THAT(table.out, Contains("train PSNR [dB]") && Contains("render [ms]") && Contains("x.ply: 300 of"));
+}
+
 TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and says so", "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
@@ -105,4 +139,9 @@ TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
   refused("--model m.ply --out r.ply --lossless --bound 0.1", 2, "cannot be combined");
   refused("--model none.ply --out r.ply", 3, "none.ply");
   refused("--model m.ply --out r.ply --bound 2", 2, "bound");
+  refused("--model m.ply --out r.ply --splats 2 --size 1", 2, "cannot be combined");
+  refused("--model m.ply --out r.ply --splats none", 2, "--splats none: expected a whole number from 1");
+  refused("--model m.ply --out r.ply --splats 0", 2, "expected a whole number from 1");
+  refused("--model m.ply --out r.ply --splats 2 --only dimensions", 2, "--splats removes splats");
+  refused("--model m.ply --out r.ply --size 0", 2, "size");
 }

@@ -108,6 +108,18 @@ def two_runs(page, folder, run, other):
     assert len([text for text in texts(page, ".blank") if text == "ground truth as above"]) == 2
 
 
+# A run on smaller pictures has another PSNR, which is neither better nor worse.
+def two_sizes(page, folder, run, half):
+    ubs("report", run, half, "--views", 1, "--no-viewer", "--out", folder / "sizes.html")
+    opened(page, folder / "sizes.html", 1200)
+    rows = page.run("""Object.fromEntries([...document.querySelectorAll('#summary tbody tr')].map((row) =>
+        [row.children[0].textContent, [row.children[2].textContent, row.children[2].querySelector('span')?.className]]))""")
+    psnr, seconds = rows["PSNR, mean over channels [dB]"], rows["training [s]"]
+    assert psnr[0].endswith(" different image sizes") and psnr[1] == "same", psnr
+    assert rows["SSIM"][0].endswith(" different image sizes"), rows["SSIM"]
+    assert "different" not in seconds[0], seconds
+
+
 # Values of other types than ours, as other versions might write.
 def damaged(page, folder, run):
     metrics = {"test": {"mean": [], "views": [5, {"name": "a"}]}, "device": 3, "minutes": {"stages": {"a": "b"}},
@@ -136,7 +148,9 @@ def main():
             common = ["--init-points", 200, "--cap-max", 300, "--iterations", 60, "--eval-every", 20, "--quiet"]
             ubs("train", folder / "data", "--out", run, "--dim", 7, *common)
             ubs("train", folder / "data", "--out", other, "--dim", 4, *common)
+            ubs("train", folder / "data", "--out", folder / "half", "--dim", 7, "--downscale", 2, *common)
             one_run(page, folder, run)
+            two_sizes(page, folder, run, folder / "half")
             two_runs(page, folder, run, other)
             damaged(page, folder, run)
     finally:

@@ -210,6 +210,24 @@ TEST_CASE("scene frame: of cameras around a point") {
   CHECK(told.elevation == -0.1);
 }
 
+TEST_CASE("scene frame: an orbit suits cameras on all sides only") {
+  const auto seen_around = [](double turn, int count) {
+    std::vector<Camera> cameras;
+    for (int i = 0; i < count; ++i) {
+      const double azimuth = turn * i / (turn < 6 ? count - 1 : count);
+      cameras.push_back(camera_at(
+          look_at({1 + 4 * std::cos(azimuth), 2 + 4 * std::sin(azimuth), 1.5}, {1, 2, 0}, {0, 0, 1}), {}));
+    }
+    return scene_frame(MixedModel(SplatModel(3, 0)), cameras).around;
+  };
+  constexpr double kTurn = 2 * std::numbers::pi;
+  CHECK(seen_around(kTurn, 12));
+  CHECK(seen_around(kTurn, 4));
+  CHECK(seen_around(0.75 * kTurn, 12));  // a gap of 90 degrees
+  CHECK_FALSE(seen_around(kTurn / 2, 12));
+  CHECK_FALSE(seen_around(kTurn, 3));
+}
+
 // D-NeRF's cameras are spread over half a ball at random; the mean of their upward axes leans by 24 degrees.
 TEST_CASE("scene frame: cameras that stand unevenly do not lean") {
   const Vec3 up{0, 0, 1};

@@ -469,9 +469,11 @@ def pages(folder):
     synthesise(folder)
     page = browser.Browser(program)
     try:
-        with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
+        with Served(folder, *train(folder, "run", 1000000, "--dim", 6), "--serve-share", 50) as served:
             page.open(served.url, (400, 300))
             page.run("window.L = document.getElementById('ubs-viewer').live, 0")
+            slider = "getComputedStyle(L.find('input[type=range]').parentNode).display"
+            assert not page.run("L.options.timed") and page.run(slider) == "none", "a slider that moves nothing"
             look(page, "a drag", lambda: page.drag((200, 80), (280, 110)))
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
@@ -491,6 +493,9 @@ def pages(folder):
             served.process.send_signal(signal.SIGINT)
             wait(page, "!document.querySelector('.message').hidden", "the end is not told")
             assert "ended" in page.run("document.querySelector('.message').textContent")
+            page.run("document.querySelector('.panel').open = true")
+            assert page.run("""(m => { const b = m.getBoundingClientRect();
+                return document.elementFromPoint(b.left + 20, b.bottom - 5) === m; })(document.querySelector('.message'))""")
             served.end(130)
             assert_no_complaints(page)
         ubs(*train(folder, "finished", 200, "--dim", 7))
@@ -499,7 +504,7 @@ def pages(folder):
             page.run("window.L = document.getElementById('ubs-viewer').live, 0")
             look(page, "a drag", lambda: page.drag((200, 80), (280, 110)))
             slider = "Object.assign(L.find('input[type=range]'), {value: 0.9}).oninput()"
-            assert not page.run("L.find('input[type=range]').parentNode.hidden")
+            assert page.run("getComputedStyle(L.find('input[type=range]').parentNode).display") != "none"
             look(page, "time", lambda: page.run(f"{slider}, 0"))
             assert page.run("L.find('svg') === null"), "curves of a finished model"
             wait(page, "document.querySelector('.facts').textContent.includes('splats')", "no figures")

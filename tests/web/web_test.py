@@ -264,6 +264,7 @@ def learnt(page, folder):
     form = {"conditioning": "direct", "kernel": "gaussian", "beta_opacity": "gaussian"}
     said = compare(page, folder, 45, (6,), "--exact", **form)
     assert page.run("V.model.betas") == [], page.run("V.model.betas")
+    assert page.run("document.querySelector('.more')") is None, "controls of betas that the model does not have"
     return said
 
 
@@ -330,6 +331,15 @@ def poster(page, folder):
     assert psnr(np.array(still).reshape(64, 64, 4)[:, :, :3] / 255, truth) >= 40
     assert page.run("document.querySelector('details').open") is False
     quiet(page)
+    # Without the option the page has the still picture, too: what it shows before its first frame is not black.
+    for exact in ([], ["--exact"]):
+        ubs("web", model, folder / "data", "--out", html, "--view", 2, "--quiet", "--overwrite", *exact)
+        text = html.read_text()
+        html.write_text(text.replace('class="ubs-model"', 'class="no-model"'))
+        page.open(html)
+        page.run("document.querySelector('.poster').decode().then(() => 0)")
+        shot = page.call("Page.captureScreenshot", clip={"x": 0, "y": 0, "width": 400, "height": 400, "scale": 1})
+        assert len(shot["data"]) > 10000, "a black page before the first frame"
 
 
 # The first level is drawn while the rest of the page has not come; the last one is the whole model.
@@ -445,6 +455,13 @@ def interaction(page, folder):
     assert page.run("V.options.title") == "<b>a & b\\x01", page.run("V.options.title")
     page.run("V.automatic = false, V.scale = 1, document.querySelector('details').open = false")
     before = [settled(page)]
+    # The sliders of betas are folded away.
+    page.run("document.querySelector('.panel').open = true")
+    seen = "document.querySelector('[data-beta=spatial-1]').checkVisibility()"
+    assert not page.run(seen)
+    page.run("document.querySelector('.more').open = true")
+    assert page.run(seen)
+    page.run("document.querySelector('.panel').open = false")
 
     def changed(what):
         now = settled(page)
@@ -565,6 +582,7 @@ def damage(page, folder):
             "document.querySelector('.message').hidden ? '' : document.querySelector('.message').textContent"
         )
         assert said.startswith("The model cannot be shown: "), f"{name}: {said!r}"
+        assert page.run("document.querySelector('.message').getBoundingClientRect().top") == 0
         quiet(page)
         if name != "empty":
             (folder / "bad.ubsz").write_bytes(bad)

@@ -71,7 +71,7 @@ Vec3 parse_vector(const std::string& option, const std::string& text) {
 
 FrameHints frame_hints(const LoadedModel& model) {
   FrameHints hints;
-  if (!model.format->ours()) hints.up_without_floor = {0, -1, 0};
+  if (model.notes.up) hints.up_without_floor = *model.notes.up;
   return hints;
 }
 
@@ -162,7 +162,8 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
                                               const SceneFrame& frame, double fov) const {
   if (!std::isfinite(loops_) || loops_ == 0) fail(ErrorKind::usage, "--loops {}: must not be 0", loops_);
   const bool suitable = path_ == kSuitable;
-  if (path_ == "orbit" || (suitable && (frame.around || cameras.empty())))
+  const bool turns = std::ranges::any_of(turning_, [](const CLI::Option* o) { return o->count() > 0; });
+  if (path_ == "orbit" || (suitable && (turns || frame.around || cameras.empty())))
     return orbit_path(frame, fov, loops_);
   if (path_ == "spiral") return spiral_path(frame, fov, loops_);
   if (path_ == "train" || suitable) {

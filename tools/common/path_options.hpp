@@ -21,9 +21,8 @@ Vec3 parse_vector(const std::string& option, const std::string& text);
 
 inline constexpr const char* kUpHelp =
     "up direction of the scene: a vector, or an axis such as -y [mean of the cameras of the data, otherwise "
-    "away from a floor, otherwise -y for third-party files and z for ubs files]";
-// Returns what the file format implies about a scene. In third-party files y has the direction of camera
-// axes, which point down.
+    "away from a floor, otherwise -y for third-party files, also when imported, and z for ubs files]";
+// Returns what the file says about a scene.
 FrameHints frame_hints(const LoadedModel& model);
 
 class PathOptions {

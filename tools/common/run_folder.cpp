@@ -15,6 +15,7 @@
 #include "host/api/run_cameras.hpp"
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
+#include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 #include "host/base/uninterrupted.hpp"
@@ -98,14 +99,22 @@ void RunFolder::check_apart_from(const Split& views) const {
   for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart_from_images(folder, views);
 }
 
-// Removes the renders that the metrics.json of an earlier run lists.
+// Removes the renders that the metrics.json of an earlier run lists. Somebody else may have written that
+// file: names that lead out of the folder are ignored, and so is a file that cannot be parsed.
 void RunFolder::remove_renders() const {
   if (!path_exists(metrics())) return;
-  const Json json = Json::parse(read_text_file(metrics()), nullptr, false);
+  const std::string text = read_text_file(metrics());
+  Json json;
+  try {
+    json = parse_own_json(text, metrics().string());
+  } catch (const Error&) {
+    return;
+  }
   const auto names = json.is_object() ? json.find("renders") : json.end();
   if (names == json.end() || !names->is_array()) return;
   for (const Json& name : *names) {
     const fs::path file = name.is_string() ? name.get<std::string>() : "";
+    if (file.native().find('\0') != std::string::npos) continue;  // system calls would end the name there
     if (file.extension() == ".png" && file == file.filename() && is_regular(renders() / file))
       remove_path(renders() / file);
   }

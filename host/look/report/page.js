@@ -174,12 +174,25 @@
        ['splats dropped', '', 0, -1, 1, 'dropped_splats'],
        ['resumed from iteration', '', 0, 0, 1, 'resumed_from'],
   ];
+  // Returns whether the run was measured on images of another size than those of the first run. Then its PSNR
+  // is no better or worse: the same model has other figures on smaller images.
+  const otherSize = (r) => {
+    const sizes = (view) => [0, r].map((run) => view.runs.find((own) => own.run === run)),
+          different = ([a, b]) => a && b && (a.width !== b.width || a.height !== b.height),
+          reduced = [0, r].map((run) => member(runs[run].settings, 'downscale'));
+    return record.views.some((view) => different(sizes(view))) ||
+        (reduced[0] !== reduced[1] && find(runs[0], 'data') === find(runs[r], 'data'));
+  };
   const quantityRow = ([name, unit, decimals, better, scale, ...path]) => {
     const values = runs.map((run) => find(run, ...path)).map((v) => (isNumber(v) ? v * scale : null));
     if (values.every((value) => value === null)) return null;
     const cells = values.map((value, r) => {
       if (value === null) return [nothing, several ? 'number' : ''];
       if (r === 0 || values[0] === null) return [fixed(value, decimals), several ? 'number' : ''];
+      if (path[0] === 'test' && otherSize(r))
+        return [
+          [fixed(value, decimals), ' ', element('span', {class: 'same'}, 'different image sizes')], 'number'
+        ];
       const by = value - values[0], size = fixed(Math.abs(by), decimals);
       const same = !/[1-9]/.test(size), shown = (same ? '\u00b1' : by < 0 ? '\u2212' : '+') + size;
       const style = better === 0 || same ? 'same' : by * better > 0 ? 'better' : 'worse';

@@ -17,9 +17,9 @@
 namespace ubs {
 namespace {
 
-// A PNG larger than kPngBytes becomes a JPEG of this quality. Its errors are about 1/255, too small to matter
-// for viewing.
-constexpr int kJpegQuality = 92;
+// A PNG larger than kPngBytes becomes a JPEG of the first quality. Its errors are about 1/255, too small to
+// matter for viewing. The other qualities are used where the number of bytes is limited.
+constexpr std::array kJpegQualities{92, 80, 65, 50};
 constexpr std::size_t kPngBytes = 64 << 10;
 
 cv::Mat bgr_of(const Image8& image) {
@@ -59,7 +59,7 @@ constexpr int kErrorMap = cv::COLORMAP_INFERNO, kDepthMap = cv::COLORMAP_VIRIDIS
 
 }  // namespace
 
-std::string page_picture(const Image8& image, int longest) {
+std::string page_picture(const Image8& image, int longest, std::size_t most_bytes) {
   cv::Mat bgr = bgr_of(image);
   if (const double by = static_cast<double>(std::max(bgr.cols, bgr.rows)) / longest; by > 1) {
     const auto reduced = [&](int size) { return std::max(1, static_cast<int>(std::lround(size / by))); };
@@ -67,9 +67,12 @@ std::string page_picture(const Image8& image, int longest) {
   }
   std::vector<std::uint8_t> bytes = encode(bgr, ".png", {cv::IMWRITE_PNG_COMPRESSION, 9});
   const char* type = "png";
-  if (bytes.size() > kPngBytes) {
-    bytes = encode(bgr, ".jpg", {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
+  if (bytes.size() > std::min(kPngBytes, most_bytes)) {
     type = "jpeg";
+    for (const int quality : kJpegQualities) {
+      bytes = encode(bgr, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
+      if (bytes.size() <= most_bytes) break;
+    }
   }
   return fmt::format("data:image/{};base64,{}", type, base64(bytes));
 }

@@ -2,6 +2,8 @@
 // These functions make images for a page: data URIs, and colour images of errors, depth and alpha.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 
@@ -10,8 +12,9 @@
 namespace ubs {
 
 // Returns an image as a data URI: PNG if that is small, otherwise JPEG. If its longer side has more than
-// `longest` pixels, the image is reduced to that size (area mean).
-std::string page_picture(const Image8& image, int longest);
+// `longest` pixels, the image is reduced to that size (area mean). If the file has more than `most_bytes`
+// bytes, the quality of the JPEG is lowered, to 50 of 100 at the lowest.
+std::string page_picture(const Image8& image, int longest, std::size_t most_bytes = SIZE_MAX);
 
 // Returns an image of the mean over the channels of |a - b|. The range from 0 to `top` is mapped to the
 // colour map Inferno: black, purple, red, yellow. Throws Error(internal) if the sizes differ.

@@ -131,13 +131,13 @@ LiveTraining::LiveTraining(Server& server, double share, Device& device, Trainer
 
 LiveTraining::~LiveTraining() = default;
 
-void LiveTraining::step(const StepReport& report) {
+void LiveTraining::step(const StepReport& report, bool continues) {
   Implementation& own = *own_;
   own.report = report;
   if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
   if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
   if (report.loss || report.test || own.published.seconds() > kFresh) own.publish();
-  if (own.pause.over()) own.serve();
+  if (continues && own.pause.over()) own.serve();
 }
 
 void LiveTraining::end() {

@@ -39,7 +39,9 @@ class LiveTraining {
                const Scene& scene, const TimeSource& time = steady_time());
   ~LiveTraining();
 
-  void step(const StepReport& report);
+  // Publishes the state after a step. Renders an image, if one is requested and the share of the time allows
+  // it, only if the training `continues`: after a signal or the last step, saving the model comes first.
+  void step(const StepReport& report, bool continues);
   // Renders images of the final state for at most two seconds; an image in progress is finished. Waits for
   // requests only if images were rendered in the last ten seconds. Call it after saving the model.
   void end();

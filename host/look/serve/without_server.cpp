@@ -20,7 +20,7 @@ struct LiveTraining::Implementation {};
 LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettings&, const Scene&,
                            const TimeSource&) {}
 LiveTraining::~LiveTraining() = default;
-void LiveTraining::step(const StepReport&) {}
+void LiveTraining::step(const StepReport&, bool) {}
 void LiveTraining::end() {}
 std::string LiveTraining::summary() const { return {}; }
 

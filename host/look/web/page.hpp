@@ -28,7 +28,7 @@ struct ViewerPage {
   bool embed = false;
   // End of each part of the model data; the parts are shown one after the other. Empty: one part.
   std::vector<std::size_t> parts;
-  // URI of a still image that is shown until the first frame; may be empty.
+  // URI of a still image that is shown until the first frame (poster_uri() in steps.hpp); may be empty.
   std::string poster;
 };
 

@@ -17,7 +17,7 @@ class Panel {
     const {options, model} = viewer;
     this.timed = model.dims.some((n) => n === 4 || n === 5 || n >= 7);
     const parts =
-        [this.views(options), ...(this.timed ? [this.times()] : []), this.choices(model), this.buttons()];
+        [this.views(options), ...(this.timed ? [this.times()] : []), this.buttons(), ...this.more(model)];
     this.facts = element('p', {class: 'facts'});
     this.said = element('p', {class: 'said', role: 'status'});
     const body = element('details', {class: 'panel', open: !options.embed && innerWidth > 700},
@@ -76,6 +76,12 @@ class Panel {
         this.labelled('Speed', this.speed));
   }
 
+  // Returns the folded controls that few visitors need: none for a model without betas.
+  more(model) {
+    if (model.betas.length === 0) return [];
+    return [element('details', {class: 'more'}, element('summary', {}, 'More'), this.choices(model))];
+  }
+
   choices(model) {
     const rows = model.betas.map((kind) => {
       const name = BETAS[kind], range = [0, 1];
@@ -118,7 +124,7 @@ class Panel {
     if (!last) return;
     const level =
         model.levels > 1 ? `Level ${model.level} of ${model.levels} (${model.psnr.toFixed(1)} dB): ` : '';
-    const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} a second` : '';
+    const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} frames a second` : '';
     this.facts.textContent =
         `${level}${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +
         `${last.drawn} drawn at ${viewer.picture.width} x ${viewer.picture.height}${rate}`;

@@ -8,8 +8,10 @@
 #include <numeric>
 
 #include "host/api/decompose.hpp"
+#include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/philox.hpp"
+#include "host/look/report/page_picture.hpp"
 #include "host/pipeline/image_gradient.hpp"
 
 namespace ubs::web {
@@ -19,8 +21,11 @@ constexpr std::size_t kSensitiveViews = 48;  // maximum number of views that H i
 constexpr int kTrials = 6;                   // maximum number of trials to scale the steps
 constexpr double kNear = 0.25;               // [dB] above the bound that counts as close enough
 constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when computing the importance
-// In Base64, together with the viewer and a hundred cameras, this is a page of 300 KB.
-constexpr std::size_t kFirstLevelBytes = 135000;
+// In Base64, together with the viewer, a hundred cameras and the poster, this is a page of 300 KB.
+constexpr std::size_t kFirstLevelBytes = 105000;
+// Longest side [pixels] and number of bytes of the poster in a page.
+constexpr int kLongestPoster = 640;
+constexpr std::size_t kPosterBytes = 32000;
 
 // H of each parameter, one vector per group in the layout of the parameters.
 struct Sensitivity {
@@ -257,5 +262,15 @@ PackedForWeb pack_for_web(std::shared_ptr<Device> device, const MixedModel& mode
   out.bytes = std::move(packed.bytes);
   return out;
 }
+
+Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
+                   const TrainSettings& settings, const Camera& camera) {
+  ModelSession session(device, model, settings, false);
+  session.renderer().set_cameras({camera});
+  session.renderer().forward(session.model().view(), 0, session.settings(), false);
+  return picture(session.renderer().download(), Channel::rgb);
+}
+
+std::string poster_uri(const Image8& still) { return page_picture(still, kLongestPoster, kPosterBytes); }
 
 }  // namespace ubs::web

@@ -40,4 +40,10 @@ PackedForWeb pack_for_web(
     const std::vector<Camera>& cameras, const TrainSettings& settings, double psnr = kPsnr, int levels = 1,
     const std::function<void(const std::string&)>& note = [](const std::string&) {});
 
+// Renders the still image that a page shows until its first frame, and returns it. poster_uri() makes it
+// small enough for the page.
+Image8 draw_poster(const std::shared_ptr<Device>& device, const MixedModel& model,
+                   const TrainSettings& settings, const Camera& camera);
+std::string poster_uri(const Image8& still);
+
 }  // namespace ubs::web

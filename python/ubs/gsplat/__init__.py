@@ -5,8 +5,13 @@ arguments and results. Scripts for gsplat can run on machines without CUDA. docs
     from ubs.gsplat import rasterization
     images, alphas, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, height)
 
+Other names of gsplat can be imported, but calling them raises UsageError with what to use instead (absent.py).
+
 Requires PyTorch, but not gsplat. Thread-safe."""
 
+from typing import Any
+
+from .absent import refusing
 from .rendering import RollingShutterType, fully_fused_projection, rasterization, spherical_harmonics
 from .strategy import DefaultStrategy, MCMCStrategy, Strategy
 
@@ -19,3 +24,7 @@ __all__ = [
     "rasterization",
     "spherical_harmonics",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    return refusing(__name__, name)

@@ -13,6 +13,7 @@ from torch import Tensor
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
 from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
+from .absent import refusing
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
@@ -430,8 +431,8 @@ def rasterization(
 
     With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
     their contributions to the gradient of means2d (AbsGS, Ye et al. 2024). As in gsplat, each chunk of channel_chunk
-    channels is summed separately; more than 3 channels require that it is 3 or less. With `sparse_grad`,
-    which requires `packed`, the gradients of means, quats, scales and covars are sparse tensors (COO) of the Gaussians
+    channels is summed separately; more than 3 channels require that it is 3 or less, unless no gradients are recorded.
+    With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and covars are sparse tensors (COO) of the Gaussians
     that are in an image.
 
     channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels.
@@ -488,7 +489,8 @@ def rasterization(
         raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
     chunk = min(channel_chunk, 3)  # of absolute gradients
     if absgrad:
-        if values.shape[-1] > 3 and channel_chunk > 3:
+        recorded = torch.is_grad_enabled() and any(t.requires_grad for t in (means2d, factor, values, strength))
+        if recorded and values.shape[-1] > 3 and channel_chunk > 3:
             raise UsageError(f"absgrad=True with {values.shape[-1]} channels, depth included, requires channel_chunk=3")
         means2d.absgrad = means2d.new_zeros(means2d.shape)
     grounds = _grounds(backgrounds, means, batch, cameras, values.shape[-1], extra, render_mode)
@@ -591,3 +593,7 @@ def _grounds(
     if channels > backgrounds.shape[-1]:
         backgrounds = torch.nn.functional.pad(backgrounds, (0, channels - backgrounds.shape[-1]))
     return list(backgrounds.reshape(-1, channels))
+
+
+def __getattr__(name: str) -> Any:
+    return refusing(__name__, name)

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trains Gaussians with the functions and strategies of gsplat on any device of ubs:
+
+    python gsplat_train.py --strategy mcmc [DATA]
+
+DATA is a folder of any layout that ubs reads; without it, a synthetic scene is made. The same training loop runs with
+gsplat on CUDA, if the line below imports its names. `ubs train` is faster and has more than this example."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any, Optional
+
+import torch
+from torch import Tensor
+
+import ubs
+from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization
+
+# Learning rates; that of the means is multiplied by the size of the scene, and falls to a hundredth.
+RATES = {"means": 1.6e-4, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1.25e-4}
+
+
+class Views:
+    """The cameras and images of a split as tensors."""
+
+    def __init__(self, views: list[ubs.View]) -> None:
+        self.sizes = [(view.camera.width, view.camera.height) for view in views]
+        self.images = [torch.from_numpy(view.image).float() / 255 for view in views]
+        self.viewmats, self.ks = torch.eye(4).repeat(len(views), 1, 1), torch.eye(3).repeat(len(views), 1, 1)
+        for i, camera in enumerate(view.camera for view in views):
+            self.viewmats[i, :3] = torch.from_numpy(camera.world_to_camera)
+            self.ks[i, :2] = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy]])
+
+    def extent(self) -> float:
+        """Returns 1.1 times the largest distance of a camera from their mean, which is the size of the scene."""
+        centres = torch.inverse(self.viewmats)[:, :3, 3]
+        return 1.1 * float((centres - centres.mean(0)).norm(dim=-1).max())
+
+
+def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
+    """Returns grey Gaussians at these points (n, 3), as large as the distance to their three nearest neighbours."""
+    nearest = [torch.cdist(part, points).topk(min(4, len(points)), largest=False)[0] for part in points.split(1024)]
+    size = torch.cat(nearest)[:, 1:].square().mean(-1).sqrt().clamp_min(1e-7)
+    count = len(points)
+    values = {
+        "means": points,
+        "scales": size.log()[:, None].repeat(1, 3),
+        "quats": torch.randn(count, 4),
+        "opacities": torch.logit(torch.full((count,), 0.3)),
+        "sh0": torch.zeros(count, 1, 3),
+        "shN": torch.zeros(count, 15, 3),
+    }
+    return {name: torch.nn.Parameter(value) for name, value in values.items()}
+
+
+def render(params: dict[str, Any], views: Views, i: int, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
+    """Returns the image (H, W, 3) of a view, and what a strategy needs."""
+    colors = torch.cat([params["sh0"], params["shN"]], 1)
+    images, _, info = rasterization(
+        params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), colors,
+        views.viewmats[i, None], views.ks[i, None], *views.sizes[i], sh_degree=degree, packed=False,
+    )
+    return images[0], info
+
+
+def ssim(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the structural similarity of two images (H, W, 3), with Gaussian windows of 11 x 11 pixels."""
+    weights = torch.exp(-((torch.arange(11) - 5) ** 2) / (2 * 1.5**2))
+    window = (weights[:, None] * weights / weights.sum() ** 2).expand(15, 1, 11, 11)
+    stacked = torch.cat([a, b, a * a, b * b, a * b], -1).permute(2, 0, 1)[None]
+    mean_a, mean_b, aa, bb, ab = torch.nn.functional.conv2d(stacked, window, padding=5, groups=15)[0].split(3)
+    c1, c2 = 0.01**2, 0.03**2
+    alike = (2 * mean_a * mean_b + c1) * (2 * (ab - mean_a * mean_b) + c2)
+    value: Tensor = (alike / ((mean_a**2 + mean_b**2 + c1) * (aa - mean_a**2 + bb - mean_b**2 + c2))).mean()
+    return value
+
+
+def psnr(params: dict[str, Any], views: Views) -> float:
+    """Returns the mean PSNR of the views [dB]."""
+    with torch.no_grad():
+        images = [render(params, views, i)[0] for i in range(len(views.images))]
+    found = [-10 * math.log10(float((a.clamp(0, 1) - b).square().mean())) for a, b in zip(images, views.images)]
+    return sum(found) / len(found)
+
+
+def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: int) -> dict[str, Any]:
+    """Returns the trained parameters. The number of Gaussians starts with `gaussians`, or with that of the points of the
+    data; "mcmc" lets it grow to at most `most`."""
+    torch.manual_seed(0)
+    views = Views(data.train)
+    extent = views.extent()
+    points = ubs.Model.initial(data, dim=3, init_points=gaussians, unit=1).parameters["xyz"]
+    params = start(torch.from_numpy(points.copy()))
+    rates = {**RATES, "means": RATES["means"] * extent}
+    optimizers = {name: torch.optim.Adam([params[name]], lr=rate, eps=1e-15) for name, rate in rates.items()}
+    falling = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], 0.01 ** (1 / steps))
+    mcmc = MCMCStrategy(cap_max=most, refine_start_iter=steps // 20, refine_stop_iter=steps * 5 // 6)
+    default = DefaultStrategy(refine_start_iter=steps // 20, refine_stop_iter=steps // 2, reset_every=steps // 5)
+    chosen: Any = mcmc if strategy == "mcmc" else default
+    chosen.refine_every = max(1, min(100, steps // 30))
+    chosen.check_sanity(params, optimizers)
+    state = mcmc.initialize_state() if strategy == "mcmc" else default.initialize_state(scene_scale=extent)
+    for step in range(steps):
+        i = int(torch.randint(len(views.images), ()))
+        image, info = render(params, views, i, degree=min(3, step * 10 // steps))
+        loss = 0.8 * (image - views.images[i]).abs().mean() + 0.2 * (1 - ssim(image, views.images[i]))
+        if strategy == "mcmc":  # without these penalties, few Gaussians become transparent and move
+            loss = loss + 0.01 * params["opacities"].sigmoid().mean() + 0.01 * params["scales"].exp().mean()
+        chosen.step_pre_backward(params, optimizers, state, step, info)
+        loss.backward()
+        for optimizer in optimizers.values():
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        falling.step()
+        if strategy == "mcmc":
+            mcmc.step_post_backward(params, optimizers, state, step, info, lr=falling.get_last_lr()[0])
+        else:
+            default.step_post_backward(params, optimizers, state, step, info, packed=False)
+        if step % 100 == 0:
+            print(f"step {step}: loss {float(loss.detach()):.4f}, {len(params['means'])} Gaussians")
+    return params
+
+
+def main(arguments: Optional[list[str]] = None) -> None:
+    parser = argparse.ArgumentParser(description="Trains Gaussians with ubs.gsplat.")
+    parser.add_argument("data", nargs="?", help="folder of images and cameras; none: a synthetic scene")
+    parser.add_argument("--strategy", choices=("default", "mcmc"), default="default")
+    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--gaussians", type=int, default=2000, help="number at the start, if the data have no points")
+    parser.add_argument("--cap-max", type=int, default=10000, help="maximum number with --strategy mcmc")
+    given = parser.parse_args(arguments)
+    data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
+    params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)
+    test = data.test or data.train
+    print(f"PSNR {psnr(params, Views(test)):.2f} dB of {len(test)} views with {len(params['means'])} Gaussians")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of gsplat 1.5 and 1.6 that ubs.gsplat does not have. Scripts may import them, because many import more than they
+use; a call is refused with what to use instead."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, NoReturn
+
+from .._errors import UsageError
+
+_LOSSES = """create_ssim_window depth_l1_loss gaussian_density_reg gaussian_scale_reg gaussian_z_scale_reg l1_loss mse_loss
+    opacity_reg_loss out_of_bound_loss scale_reg_loss ssim_loss torch_ssim_loss total_variation_loss FusedGaussianLosses"""
+_LIDAR = """isect_tiles_lidar lidar_background_loss lidar_distance_loss lidar_intensity_loss lidar_raydrop_loss
+    compute_lidar_angles_to_columns_map compute_lidar_tiling LidarTiling SpinningDirection
+    RowOffsetStructuredSpinningLidarModelParameters RowOffsetStructuredSpinningLidarModelParametersExt"""
+_LISTS = """isect_tiles isect_offset_encode isect_tiles_sparse build_sparse_tile_layout rasterize_to_pixels
+    rasterize_to_pixels_sparse rasterize_to_indices_in_range accumulate rasterize_num_contributing_gaussians
+    rasterize_num_contributing_gaussians_sparse rasterize_contributing_gaussian_ids
+    rasterize_contributing_gaussian_ids_sparse rasterize_top_contributing_gaussian_ids
+    rasterize_top_contributing_gaussian_ids_sparse"""
+_SURFELS = """rasterization_2dgs rasterization_2dgs_inria_wrapper fully_fused_projection_2dgs rasterize_to_pixels_2dgs
+    rasterize_to_indices_in_range_2dgs accumulate_2dgs"""
+_RAYS = """fully_fused_projection_with_ut rasterize_to_pixels_eval3d ExternalDistortionModelMeta
+    ExternalDistortionModelParameters"""
+
+# Names, and what to use instead.
+_GROUPS = (
+    (_SURFELS, "2D Gaussian Splatting is not supported: use rasterization(), or gsplat on CUDA"),
+    ("rasterization_inria_wrapper", "use rasterization(), which has the same formulas"),
+    (_LISTS, "lists of tiles stay on the device: use rasterization(), or ubs.torch.rasterize() for projected Gaussians"),
+    (_RAYS, "lens distortion is not supported: undistort the images first, or use gsplat on CUDA"),
+    (_LIDAR, "lidar is not supported: use gsplat on CUDA"),
+    ("proj world_to_cam", "use fully_fused_projection()"),
+    ("quat_scale_to_covar_preci", "pass quats and scales to rasterization()"),
+    ("spherical_harmonics_l0 spherical_harmonics_l1_plus", "use spherical_harmonics()"),
+    ("SelectiveAdam", "use torch.optim.Adam, or torch.optim.SparseAdam with rasterization(..., sparse_grad=True)"),
+    ("export_splats PngCompression", "put the values into a ubs.Model, and use Model.save() with the extension of a format"),
+    (_LOSSES, "write the loss in PyTorch"),
+    ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
+    ("RenderMode RasterizeMode CameraModel", "pass the text, such as render_mode='RGB+D'"),
+    ("RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch", "leave it out: it divides gsplat's work"),
+)
+INSTEAD = {name: instead for names, instead in _GROUPS for name in names.split()}
+
+
+def refusing(module: str, name: str) -> Callable[..., NoReturn]:
+    """Returns a function that raises UsageError. AttributeError if gsplat has no such name either."""
+    if name not in INSTEAD:
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    def refuse(*_: Any, **__: Any) -> NoReturn:
+        raise UsageError(f"{name} is not there in ubs.gsplat: {INSTEAD[name]}")
+
+    refuse.__name__ = refuse.__qualname__ = name
+    return refuse

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/convert_loss.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "host/api/distill.hpp"
+#include "host/api/model_session.hpp"
+#include "host/api/scene_frame.hpp"
+#include "host/data/gaussian_model.hpp"
+
+namespace ubs::tools {
+namespace {
+
+constexpr double kLeastError = 1e-10;  // mean squared error; 100 dB
+
+void reduce_to(Camera& camera, int longest) {
+  const int side = std::max(camera.width, camera.height);
+  if (side <= longest) return;
+  const auto reduced = [&](int pixels) {
+    return std::max(1, static_cast<int>(std::lround(static_cast<double>(pixels) * longest / side)));
+  };
+  const double x = static_cast<double>(reduced(camera.width)) / camera.width,
+               y = static_cast<double>(reduced(camera.height)) / camera.height;
+  camera.width = reduced(camera.width), camera.height = reduced(camera.height);
+  camera.fx *= x, camera.cx *= x, camera.fy *= y, camera.cy *= y;
+}
+
+// Renders all cameras before the background of the settings, or before black.
+std::vector<std::vector<float>> images_of(ModelSession& session, std::size_t cameras, bool black) {
+  RenderSettings settings = session.settings();
+  if (black) {
+    settings.background = {0, 0, 0};
+    settings.sky.reset();
+  }
+  std::vector<std::vector<float>> images;
+  for (std::size_t i = 0; i < cameras; ++i) {
+    session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(i), settings, false);
+    images.push_back(session.renderer().download().rgb);
+  }
+  return images;
+}
+
+double mean_psnr(const std::vector<std::vector<float>>& truth,
+                 const std::vector<std::vector<float>>& images) {
+  double mean = 0;
+  for (std::size_t v = 0; v < truth.size(); ++v) {
+    double sum = 0;
+    for (std::size_t i = 0; i < truth[v].size(); ++i) {
+      const double d = std::clamp(images[v][i], 0.0f, 1.0f) - std::clamp(truth[v][i], 0.0f, 1.0f);
+      sum += d * d;
+    }
+    mean -= 10 * std::log10(std::max(kLeastError, sum / static_cast<double>(truth[v].size())));
+  }
+  return mean / static_cast<double>(truth.size());
+}
+
+}  // namespace
+
+bool exports_exactly(const SplatFormat& format, const MixedModel& model) {
+  const ModelVariant& variant = model.variant();
+  return std::ranges::all_of(model.groups, is_gaussian_model) && variant.lobes() == 0 && !format.rounds &&
+         (format.keeps_antialiasing || variant.antialias == Antialias::off);
+}
+
+std::optional<ExportLoss> measure_loss(const std::string& device, const LoadedModel& loaded,
+                                       const MixedModel& written, TrainSettings settings, double time) {
+  std::vector<Camera> cameras =
+      evenly_chosen(noted_cameras(loaded.model, loaded.notes.cameras), kLossCameras);
+  if (cameras.empty()) return {};
+  Split split{.name = "cameras of the model", .views = {}};
+  for (Camera& camera : cameras) {
+    if (loaded.model.has_time()) camera.time = time;
+    reduce_to(camera, kLossPixels);
+    split.views.push_back({.name = "camera", .camera = camera});
+  }
+  std::vector<std::vector<float>> own, black;
+  {
+    ModelSession session(device, loaded.model, split, settings, false);
+    own = images_of(session, cameras.size(), false);
+    black = images_of(session, cameras.size(), true);
+  }
+  settings.eps2d = kGaussianBlur;
+  ModelSession session(device, written, split, settings, false);
+  return ExportLoss{mean_psnr(own, images_of(session, cameras.size(), false)),
+                    mean_psnr(black, images_of(session, cameras.size(), true)), cameras.size()};
+}
+
+}  // namespace ubs::tools
