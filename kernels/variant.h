@@ -42,7 +42,8 @@
 #endif
 #define UBS_FALLOFF_BETA 0
 #define UBS_FALLOFF_GAUSSIAN 1
-#define UBS_FALLOFF_OWN 2  // expressions of the user (OwnFalloff of host/device/stages.hpp), on a model of the kernel beta
+// Expressions of the user, on a model of the kernel beta (OwnFalloff of host/device/stages.hpp)
+#define UBS_FALLOFF_OWN 2
 
 // Representation of the colour. 0: rgb; 1 + l: spherical harmonics up to degree l <= 3; 4 + n: n <= 3 spherical Beta
 // lobes.

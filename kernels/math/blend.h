@@ -28,8 +28,9 @@ typedef struct {
   vmask passes;    // inside, and alpha is below its maximum: the gradient is not zero
 } BlendAlpha;
 
-// The expressions of UBS_FALLOFF_OWN. Near the centre and the end of the support r is moved inwards, so that they and
-// their rounded terms stay finite there: their slope at most to where the Beta kernel limits its slope (UBS_RIM).
+// The expressions of UBS_FALLOFF_OWN. own_inside() moves r away from the centre and from the end of the support, so
+// that the expressions and their rounded terms are finite. `rim` is the least distance from the end, as a part of the
+// support. For slopes it is UBS_RIM, which limits the slope of the Beta kernel too.
 UBS_FN vreal own_inside(vreal r, real rim) {
   r = r < (vreal)(UBS_SUPPORT * (R(1.0) - rim)) ? r : (vreal)(UBS_SUPPORT * (R(1.0) - rim));
   return r > (vreal)(UBS_SUPPORT * R(1e-12)) ? r : (vreal)(UBS_SUPPORT * R(1e-12));

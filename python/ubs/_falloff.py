@@ -19,8 +19,9 @@ from ._errors import NumericalError, UsageError
 Node = tuple[Any, ...]
 LOG2E = 1 / math.log(2)
 MOST_CHARACTERS = 4000  # of an expression in C; drivers limit the length of their options
-END = 1 - 1e-6  # the kernels evaluate an expression at most at this part of the support,
-RIM = 1 - 1e-5  # and its slope at most at this one (kernels/math/blend.h)
+# The kernels evaluate an expression up to the first of these parts of the support, and its slope up to the second one
+# (own_inside() in kernels/math/blend.h).
+END, RIM = 1 - 1e-6, 1 - 1e-5
 ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
 MOST_ERROR = 1e-4, 1e-3  # of alpha on a device, and of gradients, relative; 2.5e-6 and 1.5e-5 in the tests
 
@@ -184,21 +185,21 @@ def _mentions(node: Node, name: str) -> bool:
 
 
 class Falloff:
-    """How the opacity of splats falls off with the distance from their centre, in place of (1 - r)^beta.
+    """How the opacity of a splat falls off with the distance from its centre, in place of (1 - r)^beta.
 
     `log2` is an expression of r, the squared distance in units of the ellipse, d^T cov^-1 d, and of the splat's beta.
-    At r the opacity is multiplied by 2^log2. An expression without beta stands for beta * (log2), so "log2_1m(r * r)" is
-    (1 - r^2)^beta: log2_1m(x) is log2(1 - x), exactly where x is small. It may use numbers, + - * / **, `x if a < b else
-    y`, exp, exp2, log, log2, log2_1m, sqrt, sin, cos, abs, min and max. The kernels have the accuracy of float32, and
-    powers of 2 below -126 count as 2^-126.
+    At r the opacity is multiplied by 2^log2. An expression without beta is multiplied by beta, so "log2_1m(r * r)" gives
+    (1 - r^2)^beta. log2_1m(x) is log2(1 - x), without the rounding error of 1 - x where x is small. An expression may
+    use numbers, + - * / **, `x if a < b else y`, exp, exp2, log, log2, log2_1m, sqrt, sin, cos, abs, min and max. The
+    kernels compute with float32, and results below 2^-126 become 2^-126.
 
-    `slope`: the derivative of `log2` as given with respect to r. None: it is derived from the expression. `support`:
-    splats end at this r; log2 is only evaluated below it. Other values than 1 let an ellipse be standard deviations:
-    Falloff("-0.7213475 * r", support=11.0889) is a Gaussian up to 3.33 of them, with the exponent beta.
+    `slope`: the derivative of `log2` with respect to r; None: it is derived from the expression. `support`: splats end at
+    this r, and log2 is evaluated only below it. With a larger support than 1, an ellipse can mark the standard
+    deviations: Falloff("-0.7213475 * r", support=11.0889) is a Gaussian, for a beta of 1, that ends at 3.33 of them.
 
-    The kernels for it are compiled when it is first used on a device, and compared with float64 then. UsageError for a
-    wrong expression, and NumericalError if a value between 0 and the support is not finite, if the slope is not that of
-    the expression, or if the device differs."""
+    The kernels are compiled, and compared with float64, when a falloff is first used on a device. Raises UsageError for
+    a wrong expression, and NumericalError if a value between 0 and the support is not finite, if the slope is not the
+    derivative of the expression, or if the results of the device differ from float64."""
 
     def __init__(self, log2: str, slope: str | None = None, *, support: float = 1.0) -> None:
         self.log2, self.slope, self.support = log2, slope, float(support)

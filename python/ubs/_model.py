@@ -413,7 +413,8 @@ class Renderer(_abi.Handle):
         """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
         camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. camera: None:
         differentiates the image of the last draw() or render() with for_gradient=True, or vjp(camera), and does not
-        render it again. UsageError if the parameters were replaced or requested since, or gradients of alpha or depth computed."""
+        render it again. UsageError if the parameters were replaced or requested since, or if gradients of alpha or
+        depth were computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
         # Any other address would be read as host memory

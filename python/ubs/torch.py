@@ -13,8 +13,8 @@ code of one's own.
 Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
 copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
 respect to the camera if it is passed as tensors. They are those of the rendered image, which includes the path through
-the view direction; query_grad=False leaves it out, as `ubs train` does. Second-order gradients are not supported. All splats of a model must
-have the same dimension."""
+the view direction; query_grad=False leaves it out, as `ubs train` does. Second-order gradients are not supported. All
+splats of a model must have the same dimension."""
 
 from __future__ import annotations
 
