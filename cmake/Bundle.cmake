@@ -1,9 +1,9 @@
-# Defines targets for the libraries in a folder made by tools/make_bundle.sh (UBS_BUNDLE), with the names of
-# their packages. For machines that have only a compiler, CMake and the CUDA toolkit. Some libraries are
-# header-only; the others are linked statically.
+# Defines targets for the libraries in a folder created by tools/make_bundle.sh (UBS_BUNDLE), with the names
+# of their packages. It is for machines that only have a compiler, CMake and the CUDA toolkit. Some libraries
+# are header-only; the others are linked statically.
 foreach(part include/fmt/format.h include/CLI/CLI.hpp lib/libyaml-cpp.a lib/libz.a lib/libzstd.a)
   if(NOT EXISTS ${UBS_BUNDLE}/${part})
-    message(FATAL_ERROR "UBS_BUNDLE: ${UBS_BUNDLE}/${part} is missing; make the folder with tools/make_bundle.sh")
+    message(FATAL_ERROR "UBS_BUNDLE: ${UBS_BUNDLE}/${part} is missing: create the folder with tools/make_bundle.sh")
   endif()
 endforeach()
 function(ubs_bundled name)  # name [archive]

@@ -188,7 +188,7 @@ void CudaDevice::finish_call(const char* name, cudaError_t code, cudaEvent_t beg
   cudaGetLastError();
   fail(code == cudaErrorMemoryAllocation ? ErrorKind::memory : ErrorKind::device,
        "'{}' on {} failed with {}: {}{}", name, info_.name, cudaGetErrorName(code), cudaGetErrorString(code),
-       synchronous_ ? "" : " (or work before it; UBS_SYNC=1 names the one)");
+       synchronous_ ? "" : " (or in earlier work; UBS_SYNC=1 shows which)");
 }
 
 void CudaDevice::set_profiling(bool on) {

@@ -77,7 +77,8 @@ class CudaDevice final : public Device, public TunableDevice {
   void launch(const char* name, const Kernel<void(Parameters...)>& kernel, dim3 grid, dim3 block,
               const Arguments&... arguments) {
     static_assert(sizeof...(Parameters) == sizeof...(Arguments), "number of kernel arguments");
-    if (!kernel.symbol && !kernel.function) fail(ErrorKind::internal, "kernel '{}' is in no program", name);
+    if (!kernel.symbol && !kernel.function)
+      fail(ErrorKind::internal, "no program contains the kernel '{}'", name);
     if (grid.x == 0 || grid.y == 0 || grid.z == 0) return;
     std::tuple<Parameters...> values{argument<Parameters>(arguments)...};
     std::array<void*, sizeof...(Parameters)> addresses =

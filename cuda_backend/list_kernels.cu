@@ -90,10 +90,10 @@ __global__ void __launch_bounds__(kListBlock)
   ids[place] = id;
 }
 
-// Computes the slots of the intersections and the ranges of the tiles, with one thread per intersection and
-// one more. The slot is computed from tile and rectangle, so that the sort moves 8 instead of 12 bytes per
-// intersection. The thread at which the list of a tile starts writes the range of that tile and those of the
-// empty tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
+// Computes the slots of the intersections and the ranges of the tiles, with one thread per intersection and one
+// additional thread. The slot is computed from tile and rectangle, so that the sort moves 8 instead of 12 bytes per
+// intersection. The thread at which the list of a tile starts writes the range of that tile and those of the empty
+// tiles before it; a bisection for each tile takes longer (docs/results/2026-11-27-h200-slots.md).
 // long_lists is set if a list is long; emit_intersections has cleared it.
 __global__ void finish_lists(const u32* tiles_sorted, const u32* ids, u32 most_pairs, const u32* pairs,
                              u32 tiles, u32 tiles_x, const u32* tile_rects, const u32* slot_offsets,

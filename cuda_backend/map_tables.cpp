@@ -10,7 +10,7 @@ template <int n, typename Of>
 auto of_dim(int dim, const Of& of) {
   if (dim == n) return of.template operator()<n>();
   if constexpr (n < kLastDimAhead) return of_dim<n + 1>(dim, of);
-  fail(ErrorKind::internal, "no kernels of {} dimensions are compiled ahead", dim);
+  fail(ErrorKind::internal, "no kernels for {} dimensions have been compiled ahead of time", dim);
 }
 
 }  // namespace

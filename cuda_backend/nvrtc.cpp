@@ -117,8 +117,9 @@ void* open_nvrtc(std::span<const std::string> names, int driver) {
     find_function(handle, "NVRTC", "nvrtcVersion", version);
     int major = 0, minor = 0;
     if (version(&major, &minor) == NVRTC_SUCCESS && (driver == 0 || major <= driver / 1000)) return handle;
-    newer = fmt::format(" ({} is version {}.{}, whose code the driver, CUDA {}.{}, does not load)", name,
-                        major, minor, driver / 1000, driver % 1000 / 10);
+    newer = fmt::format(
+        " ({} has version {}.{}, whose code is too new for the driver, which supports CUDA {}.{})", name,
+        major, minor, driver / 1000, driver % 1000 / 10);
     dlclose(handle);
   }
   fail(

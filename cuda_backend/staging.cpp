@@ -58,7 +58,8 @@ ReadBlocks::Block ReadBlocks::take() {
 
 CudaRead::CudaRead(ReadBlocks& blocks, const void* from, std::size_t bytes, cudaStream_t stream)
     : blocks_(blocks), bytes_(bytes) {
-  if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
+  if (bytes > ReadBlocks::kBytes)
+    fail(ErrorKind::internal, "a deferred read of {} bytes is not supported", bytes);
   block_ = blocks_.take();
   check(cudaMemcpyAsync(block_.memory.get(), from, bytes, cudaMemcpyDeviceToHost, stream), "cudaMemcpyAsync");
 }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Transfers through pinned host memory. Uploads pass through a ring of it, so that they are enqueued like a
-// kernel and the host continues at once. From pageable memory the driver would wait for the stream first, and
-// the upload of the learning rates would stop the host in every iteration.
+// Transfers through pinned host memory. Uploads are first copied to a ring of pinned buffers, so that the
+// transfer is enqueued like a kernel and the host continues immediately. For pageable memory, the driver
+// would wait for the stream first, so the upload of the learning rates would block the host in every
+// iteration.
 #pragma once
 
 #include <array>
@@ -80,7 +81,7 @@ class CudaRead final : public PendingRead {
 // in parallel with.
 class UploadRing {
  public:
-  // Returns as soon as `from` may be changed. Waits for the upload before the last one.
+  // Returns as soon as `from` may be changed. Waits for the second to last upload, whose buffer it reuses.
   void upload(void* to, std::span<const std::byte> from, cudaStream_t stream);
   // Makes a stream wait for all uploads so far.
   void join(cudaStream_t stream);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights of splats, as a program of its own. Its kernel is measure_weights.
+// The program that measures the weights of splats. Its kernel is measure_weights.
 // clang-format off
 #include "kernels/gpu/words.h"
 #include "kernels/gpu/exchange.h"

@@ -32,7 +32,7 @@ def cond_mean_convariance_opacity(
     means: Tensor, covars: Tensor, opacities: Tensor, betas: Tensor, query: Tensor
 ) -> tuple[Tensor, ...]:
     factor = torch.linalg.cholesky(covars)
-    # Their function has no gradient for the query.
+    # The function of the authors has no gradient with respect to the query.
     positions, covariances, change = ubs.torch.condition(means, factor, betas, query.detach())
     return positions, covariances, opacities * change[:, None]
 
@@ -71,7 +71,7 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 class Anything:
-    """Stands for classes that are only named, such as those of the viewer, or that only measure CUDA."""
+    """Replaces classes that are imported but not used, such as those of the viewer, or that only measure CUDA."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
         pass

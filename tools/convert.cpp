@@ -35,7 +35,7 @@ namespace fs = std::filesystem;
 
 // Maximum number of viewpoints for the average over directions; more make no visible difference.
 constexpr std::size_t kMaxViewpoints = 64;
-constexpr int kMaxSeries = 1000;    // maximum number of moments
+constexpr int kMaxSeries = 1000;    // maximum number of time samples
 constexpr double kGoodExport = 35;  // PSNR below which advice is given [dB]
 
 struct ConvertOptions {
@@ -93,8 +93,8 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
   return places;
 }
 
-// Returns the file of a moment of a series: its number is inserted before the extension. A format that stores
-// several moments has one file for all.
+// Returns the file of a time sample of a series: its number is inserted before the extension. A format that
+// stores several time samples has one file for all.
 std::string file_of(const ConvertOptions& options, const SplatFormat& format, int moment) {
   if (options.series == 0 || format.write_series) return options.to;
   const fs::path to = options.to;
@@ -150,7 +150,7 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
         json["eps2d"].get<double>());
   const std::string first = file_of(options, format, 0);
   const std::string moments =
-      json.contains("moments") ? fmt::format(" at {} moments", json["moments"].get<std::size_t>()) : "";
+      json.contains("moments") ? fmt::format(" at {} time samples", json["moments"].get<std::size_t>()) : "";
   say("{} splats{} in {} ({}, {:.2f} MiB)\n", json["splats"].get<std::size_t>(), moments,
       first != options.to ? first + " ..." : first, json["to"].get<std::string>(),
       json["bytes"].get<double>() / (1 << 20));
@@ -166,14 +166,15 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
   return reduction;
 }
 
-// Writes the moments of a series into one file. Distilled moments are trained separately, so their splats do
-// not correspond.
+// Writes the time samples of a series into one file. Distilled time samples are trained separately, so their
+// splats do not correspond.
 void write_moments(const ConvertOptions& options, const SplatFormat& format, SplatSeries series,
                    float least_opacity, std::vector<std::string>& remarks, Json& json) {
   if (!options.distill.empty() || !series.finish(least_opacity)) {
     series.keep_apart();
     remarks.emplace_back(
-        "the splats of different moments do not belong together: programs show each moment until the next");
+        "the splats of different time samples do not correspond, so other programs show each time sample "
+        "until the next one");
   }
   for (std::string& remark : format_remarks(format, series.moments().front()))
     remarks.push_back(std::move(remark));
@@ -182,7 +183,7 @@ void write_moments(const ConvertOptions& options, const SplatFormat& format, Spl
   json["moments"] = series.size();
 }
 
-// Exports one moment or several moments of a dynamic model, distilled if requested.
+// Exports one or several time samples of a dynamic model, distilled if requested.
 Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
                       const TrainSettings& settings) {
   const MixedModel& model = loaded.model;
@@ -204,12 +205,14 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   const bool one_file = options.series > 0 && format.write_series;
   const float least_opacity = reduce.least_opacity;
   if (one_file) {
-    // Splats that are invisible at some moments are kept until all moments are known.
+    // Splats that are invisible at some times are kept until all time samples are known.
     if (!distiller) reduce.least_opacity = 0;
-    remarks.push_back(
-        fmt::format("{} moments from time 0 to 1, opacity over directions: {}", moments, options.opacity));
+    remarks.push_back(fmt::format("{} time samples from time 0 to 1, opacity over directions: {}", moments,
+                                  options.opacity));
   } else if (format.write_series && model.has_time()) {
-    remarks.emplace_back("the model moves, and the file has one moment: --series K stores K moments");
+    remarks.emplace_back(
+        "the model depends on time, but the file contains only one time sample: store K of them with "
+        "--series K");
   }
   for (int moment = 0; moment < moments; ++moment) {
     if (options.series > 0) reduce.time = moment / std::max(1.0, moments - 1.0);
@@ -271,7 +274,7 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
                                           opacity_mean, opacity_most));
   if (indefinite > 0)
     json["remarks"].push_back(
-        fmt::format("{} splats that were culled from some directions are now drawn from all", indefinite));
+        fmt::format("{} splats that were culled from some directions are now rendered from all", indefinite));
   if (options.data.empty()) return json;
   json["psnr_before"] = measure(options, loaded.model, loaded.offset, settings, {});
   json["psnr_after"] = measure(options, model, loaded.offset, settings, {});
@@ -292,8 +295,8 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
   const Background& behind = settings.background;
   if (behind != Background{})
     json["remarks"].push_back(fmt::format(
-        "the model was trained on {} {}, which this format does not store: other programs use black or a "
-        "background of their own",
+        "the model was trained on {} {}, which this format does not store: other programs use black or their "
+        "own background",
         behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
   add_loss(options, format, loaded, settings, json);
   if (options.data.empty() || options.series > 0) return json;
@@ -358,7 +361,8 @@ int run(ConvertOptions& options) {
          format.title);
   const bool chooses_moment = source.read_at && options.time_option->count() > 0;
   if (chooses_moment && !(options.time >= 0 && options.time <= 1))
-    fail(ErrorKind::usage, "--time {}: moments of a file are chosen from 0, the first, to 1, the last",
+    fail(ErrorKind::usage,
+         "--time {}: choose a time sample of the file with a number from 0 (first) to 1 (last)",
          options.time);
   if (!exports &&
       ((!chooses_moment && options.time_option->count() > 0) || options.opacity_option->count() > 0))
@@ -402,8 +406,9 @@ Command add_convert(CLI::App& root) {
       ->check(CLI::IsMember(formats))
       ->type_name("FORMAT");
   options->time_option =
-      app->add_option("--time", options->time,
-                      "time at which a dynamic model is exported, or moment of a USD file, 0 to 1 [0]")
+      app->add_option(
+             "--time", options->time,
+             "time at which a dynamic model is exported, or time sample of a USD file, from 0 to 1 [0]")
           ->type_name("T");
   options->opacity_option =
       app->add_option("--opacity", options->opacity,
@@ -430,8 +435,8 @@ Command add_convert(CLI::App& root) {
       ->needs("--distill")
       ->type_name("K");
   app->add_option("--series", options->series,
-                  "number of moments from time 0 to 1: files TO-000, TO-001, ..., or time samples of one USD "
-                  "file; they share the time of --distill")
+                  "number of time samples from time 0 to 1, written as files TO-000, TO-001, ..., or into "
+                  "one USD file; they share the time of --distill")
       ->check(from_to(2, kMaxSeries))
       ->excludes("--time")
       ->type_name("K");

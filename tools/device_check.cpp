@@ -26,7 +26,7 @@ Json finding_json(const check::Finding& f) {
 
 void print(const check::Finding& f) {
   say("  {:<32} {:<28} {:>9.2e} of {:>9.2e}  {}\n", f.stage, f.quantity, f.error, f.bound,
-      f.holds() ? "right" : "WRONG");
+      f.holds() ? "correct" : "WRONG");
 }
 
 // Resolves the settings for one of the requested dimensions, because some variants only exist in some
@@ -72,7 +72,7 @@ class Checker {
       forms.push_back({{"form", form}, {"stages", std::move(list)}});
     }
     const double seconds = watch.seconds();
-    if (!json_) say(" {} ({:.1f} s)\n", right ? "right" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
+    if (!json_) say(" {} ({:.1f} s)\n", right ? "correct" : "THIS DEVICE COMPUTES WRONG RESULTS", seconds);
     devices_.push_back({{"device", device_json(device->info())},
                         {"right", right},
                         {"seconds", seconds},

@@ -39,7 +39,7 @@ std::string verdict_text(const std::vector<check::Verdict>& verdicts) {
     return fmt::format("WRONG RESULTS for {}: {}", wrong->form, wrong->problem);
   std::string forms;
   for (const check::Verdict& v : verdicts) forms += (forms.empty() ? "" : "; ") + v.form;
-  return "checked, right: " + forms;
+  return "checked, results are correct: " + forms;
 }
 
 Json verdict_json(const std::vector<check::Verdict>& verdicts) {
@@ -81,7 +81,7 @@ int list(const DevicesOptions& options) {
       say("\n");
     }
   }
-  say("* is used without --device.\n");
+  say("* is the default device (without --device)\n");
   return 0;
 }
 
@@ -94,7 +94,8 @@ int run(const DevicesOptions& options) {
 }  // namespace
 
 Command add_devices(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("devices", "List the compute devices, check them, look for problems");
+  CLI::App* app =
+      root.add_subcommand("devices", "List the compute devices, check their results, and look for problems");
   const auto options = std::make_shared<DevicesOptions>(*app);
   app->add_option("--device", options->devices,
                   "device to list; several are allowed with --check and --doctor [UBS_DEVICE, otherwise all]")

@@ -122,7 +122,7 @@ class Doctor {
     json_["folders"].push_back({{"for", what}, {"path", path.string()}, {"defect", defect}});
     line("folder     {:<22} {}: {}", what, path.empty() ? "none" : path.string(),
          defect.empty() ? "can be written" : defect);
-    if (!defect.empty()) trouble(0, fmt::format("{} cannot be kept ({})", what, defect), advice);
+    if (!defect.empty()) trouble(0, fmt::format("{} cannot be stored ({})", what, defect), advice);
   }
 
   void folders() {
@@ -137,7 +137,7 @@ class Doctor {
   void examine(const DeviceInfo& info, std::size_t index) {
     Json entry{{"device", device_json(info)}};
     line("\ndevice     {}", describe(info));
-    line("  memory   {:.1f} GiB, {:.1f} GiB in one piece", gib(info.memory_bytes),
+    line("  memory   {:.1f} GiB, largest buffer {:.1f} GiB", gib(info.memory_bytes),
          gib(info.max_allocation_bytes));
     try {
       const std::unique_ptr<Device> device = open_device(index);
@@ -165,7 +165,7 @@ class Doctor {
     const double seconds = watch.seconds();
     entry["check"] = {{"stages", findings.size()}, {"right", !bad}, {"seconds", seconds}};
     line("  check    {} stages against float64: {} ({:.1f} s)", findings.size(),
-         bad ? "WRONG: " + check::text(*bad) : "right", seconds);
+         bad ? "WRONG: " + check::text(*bad) : "correct", seconds);
     if (bad) wrong(check::text(*bad), device.info());
     return !bad;
   }

@@ -132,7 +132,7 @@ Command add_eval(CLI::App& root) {
   app->get_option("--data")->description(kRunDataHelp);
   app->add_option("--out", options->out, "write the measurements to this JSON file")->type_name("FILE");
   app->add_option("--fps-views", options->fps_views,
-                  "number of views to measure frames per second on, 0: none [20]")
+                  "number of views on which frames per second are measured; 0: none [20]")
       ->check(not_negative())
       ->type_name("N");
   app->add_option(

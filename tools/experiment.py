@@ -30,8 +30,8 @@ import yaml
 
 INTERNAL, USAGE, DATA, INTERRUPTED = 1, 2, 3, 130  # exit codes
 AVERAGE = "average"  # is written instead of the name of a scene
-# By the key in files: heading, what exactly we measure, decimals, and whether it is a quality of images, which gets a
-# column of differences; the others are costs.
+# For each key in files: the heading, the exact definition, the number of decimals, and whether it is a quality of
+# images, which gets a column of differences. The others are costs.
 METRICS = {
     "psnr": ("PSNR [dB]", "mean over the test views of the mean over the three channels of 10 log10(1 / mse), as the "
              "published code computes it", 2, True),
@@ -42,10 +42,10 @@ METRICS = {
     "splats": ("splats", "at the end of training", 0, False),
     "mib": ("MiB", "size of model.ply / 2^20", 1, False),
 }
-# Settings that change what a run keeps or shows, but neither its model nor its measurements.
+# Settings that change what a run stores or prints, but neither its model nor its measurements.
 WITHOUT_EFFECT = {"image_cache_mb", "cache_folder", "eval_every", "save_renders", "log_every", "checkpoint_every",
                   "allow_outside"}
-# Settings that decide how large the images are.
+# Settings that determine the size of the images.
 READING = ("layout", "images", "downscale", "test_every", "frames", "cache_folder", "allow_outside")
 
 
@@ -54,7 +54,7 @@ class Failure(Exception):
 
 
 def need(condition, where, message):
-    """What is wrong in a file is named with its place."""
+    """An error in a file, with its position."""
     if not condition:
         raise Failure(DATA, f"{where}: {message}")
 
@@ -68,7 +68,7 @@ def to_json(value):
 
 
 def read_json(path):
-    """The content of a file; nothing if it is not there, or damaged."""
+    """Returns the content of a file, or nothing if it is missing or damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
     except (OSError, ValueError):
@@ -76,7 +76,7 @@ def read_json(path):
 
 
 def write(path, text):
-    """Replaces a file as a whole: after a crash, or on a full disk, it has the old or the new content."""
+    """Replaces a file atomically: after a crash, or on a full disk, it has the old or the new content."""
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         with open(temporary, "w", encoding="utf-8", errors="surrogateescape") as file:
@@ -92,7 +92,7 @@ def write(path, text):
 
 
 def why(code, output, log=""):
-    """Why `ubs` failed: its error message, or else how it ended."""
+    """Returns the reason why `ubs` failed: its error message, or otherwise how it ended."""
     if errors := re.findall("^ubs: error: (.*)$", output, re.MULTILINE):
         return errors[-1]
     return (f"ended by signal {-code}" if code < 0 else f"exit code {code}") + (log and f"; see {log}")
@@ -110,7 +110,7 @@ def set_options(settings):
 
 @functools.cache
 def ask(ubs, *arguments):
-    """What the executable prints."""
+    """Returns the output of the executable."""
     try:
         done = subprocess.run([ubs, *arguments], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
                               errors="surrogateescape", check=False)
@@ -122,7 +122,7 @@ def ask(ubs, *arguments):
 
 
 def all_settings(ubs, given):
-    """All settings of a training for which these are given."""
+    """Returns all settings of a training to which these are passed."""
     return json.loads(ask(ubs, "train", "--print-settings", "--json", *set_options(given)))
 
 
@@ -142,7 +142,7 @@ def version_of(ubs):
 
 
 class Child:
-    """The running training or measurement. A request to end is passed on to it: a training then saves its state."""
+    """The running training or measurement. Signals are passed on to it, and a training then saves its state."""
 
     process, stopped = None, False
 
@@ -152,8 +152,8 @@ class Child:
             self.process.send_signal(signal.SIGINT)
 
     def run(self, command, log):
-        """Runs a command with its output in `log`; returns the exit code and the output. Ctrl-C reaches the command
-        through `stop` alone, because it is in a session of its own."""
+        """Runs a command with its output in `log`; returns the exit code and the output. The command runs in a separate
+        session, so Ctrl-C only reaches it through `stop`."""
         command = list(map(str, command))
         with open(log, "w", encoding="utf-8", errors="surrogateescape") as file:
             print("$", shlex.join(command), file=file, flush=True)
@@ -168,8 +168,8 @@ class Child:
 child = Child()
 
 
-# Files of experiments and data sets. A schema is a pattern that a text must match; [A], a list of A; a mapping of
-# patterns of keys to schemas, with "!" after keys that must be there; or ANY, for settings, which `ubs` checks.
+# Files of experiments and data sets. A schema is a pattern that a text must match; [A], which is a list of A; a mapping
+# from patterns of keys to schemas, with "!" after required keys; or ANY for settings, which `ubs` checks.
 
 ANY = object()
 TEXT = r"[^\0\ud800-\udfff]+"
@@ -184,7 +184,8 @@ EXPERIMENT = {"name!": NAME, "title": TEXT, "notes": TEXT, "settings": {TEXT: AN
 
 
 class Loader(yaml.BaseLoader):
-    """Reads every value as the text that is written. Refuses keys that appear twice: PyYAML would take the last one."""
+    """Reads every value as the text in the file. Rejects keys that appear twice, of which PyYAML would use the last
+    one."""
 
     def construct_mapping(self, node, deep=False):
         mapping = super().construct_mapping(node, deep)
@@ -194,7 +195,7 @@ class Loader(yaml.BaseLoader):
 
 
 def checked(value, schema, where):
-    """The value, if it fits the schema. What is left empty is an empty mapping."""
+    """Returns the value if it matches the schema. An empty value is an empty mapping."""
     if schema is ANY:
         return value
     if isinstance(schema, str):
@@ -224,7 +225,8 @@ def read_yaml(path, schema):
 
 
 def load_experiment(path):
-    """An experiment, with its data sets by name in "sets" and published values of rows by "set/scene" and metric."""
+    """Returns an experiment with its data sets by name in "sets", and published values of rows by "set/scene" and
+    metric."""
     spec = {"published": {"source": "", "columns": []}, "sets": {}, **read_yaml(path, EXPERIMENT)}
     for i, entry in enumerate(spec["data"]):
         data, where = read_yaml(path.parent / entry["set"], DATA_SET), f"{path}: data[{i}]"
@@ -255,18 +257,19 @@ def load_experiment(path):
 
 
 class Run:
-    """A row on a scene. In tables, the mean over the scenes of a row is a run, too, with the scene AVERAGE."""
+    """A row of the experiment for one scene. In tables, the mean over the scenes of a row is also a run, with the scene
+    AVERAGE."""
 
     def __init__(self, row, data_set, scene):
         self.row, self.set, self.scene = row, data_set, scene
         self.about = data_set["scenes"].get(scene, {})
         self.place = f"{data_set['name']}/{scene}"
         self.id = f"{row['name']}/{self.place}"
-        self.data = self.folder = None  # where they are; the data perhaps nowhere
+        self.data = self.folder = None  # their paths; the data may be missing
         self.published, self.settings = {}, {}  # settings as published, and of this run
         self.published_width = int(self.about.get("width", data_set.get("width", 0)))
-        self.width = 0  # of the images as they are used
-        self.identity = {}  # what decides the result, on one device and build
+        self.width = 0  # of the images that are used
+        self.identity = {}  # everything that determines the result on one device and build
         self.end("not run")  # or done, no data, failed, interrupted
         self.values, self.paper = {}, {}  # ours and the published ones by metric
         self.lacks = {}  # by metric, why a finished run was not measured for it
@@ -278,7 +281,7 @@ class Run:
         self.state, self.reason, self.code = state, reason, code
 
     def changes(self):
-        """What is not as published."""
+        """Returns the differences from the published settings."""
         found = [f"{key} {setting_text(self.published[key])} -> {setting_text(value)}"
                  for key, value in deciding(self.settings).items() if value != self.published[key]]
         if self.width and self.published_width not in (0, self.width):
@@ -303,8 +306,8 @@ def find_data(run, root, unique):
 
 
 def scaled_down(ubs, run, k):
-    """Images / K, iterations / K, and splats / K^2, so that the splats per pixel stay. Images that are smaller than
-    published already are reduced by less, and never enlarged."""
+    """Images / K, iterations / K, and splats / K^2, so that the number of splats per pixel does not change. Images that
+    are already smaller than published are reduced by less, and never enlarged."""
     def rounded(number):
         return max(1, int(number + 0.5))
 
@@ -320,7 +323,7 @@ def scaled_down(ubs, run, k):
 
 
 def make_plan(spec, options):
-    """The runs that the options choose, in the order of the file: rows, then data sets, then scenes."""
+    """Returns the runs that the options select, in the order of the file: rows, then data sets, then scenes."""
     ubs, rows = options.ubs, [row["name"] for row in spec["rows"]]
     places = [f"{data}/{scene}" for data, found in spec["sets"].items() for scene in found["scenes"]]
     short = [place.split("/")[1] for place in places]
@@ -342,7 +345,7 @@ def make_plan(spec, options):
         if given := folders.get(run.place):
             run.data = given if given.exists() else None
         texts = {}
-        for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones win
+        for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones take precedence
             texts |= part.get("settings", {})
         try:
             run.published = all_settings(ubs, texts)
@@ -353,7 +356,7 @@ def make_plan(spec, options):
             code, message = error.args
             if message.startswith("--set: "):  # a wrong key or value: of --set, if those of the files are right
                 raise error if run.published else Failure(DATA, f"{options.spec}: {run.id}: settings: {message[7:]}")
-            run.end("failed", message, code)  # settings that do not fit together, or unusable data
+            run.end("failed", message, code)  # incompatible settings, or unusable data
         if not run.data:
             run.end("no data", f"there is no {given}" if given else
                     f"there is neither {options.root / run.place} nor a folder of its other names")
@@ -366,7 +369,7 @@ def make_plan(spec, options):
 
 
 def load(run):
-    """Takes over what a training of the same settings, data and arguments has left, if it finished."""
+    """Reuses the results of a finished training with the same settings, data and arguments."""
     metrics, evaluation, record = (read_json(run.folder / name) for name in ("metrics.json", "eval.json", "job.json"))
     last, test, model = metrics.get("iterations"), metrics.get("test") or {}, run.folder / "model.ply"
     if (record.get("identity") != run.identity or (run.folder / "checkpoint.ubs").exists()
@@ -402,7 +405,7 @@ def train(run, options):
     interrupted = code == INTERRUPTED or (code < 0 and child.stopped)
     if interrupted and (checkpoint.exists() or not (folder / "metrics.json").exists()):
         run.end("interrupted", f"what it had is in {folder}")
-    elif code == 0 or interrupted:  # after the last step a request to end changes nothing
+    elif code == 0 or interrupted:  # after the last step, a signal has no effect
         write(job, to_json(record | {"ended": now()}))
         run.end("failed", f"{folder}/metrics.json: the training did not reach its last iteration", DATA)
         load(run)
@@ -413,12 +416,12 @@ def train(run, options):
         if goes_on and ("/checkpoint.ubs: " in run.reason or "the run was started" in run.reason):
             checkpoint.unlink()
             train(run, options)
-        elif code == USAGE and not same:  # it did not begin: perhaps another training is writing to the folder
+        elif code == USAGE and not same:  # it did not start: another training may be writing to the folder
             job.unlink()
 
 
 def measure(run, options):
-    """Measures with `ubs eval` what training does not. If that fails, the run stays without it."""
+    """Measures with `ubs eval` what training does not measure. If this fails, the values are missing."""
     asked, reason = {"fps": options.fps_views, "lpips": options.lpips_weights}, ""
     missing = [key for key in asked if key not in run.values and "psnr" in run.values]  # or there are no test images
     if any(asked[key] for key in missing):
@@ -437,8 +440,8 @@ def measure(run, options):
 
 
 def mean(runs):
-    """Both means of a metric are over the same runs, those with both values, so that a missing scene does not shift the
-    difference; without any published value ours is over all measured runs."""
+    """Computes both means of a metric over the runs that have both values, so that a missing scene does not shift the
+    difference. If there is no published value, computes the measured mean over all measured runs."""
     def average(values):
         return sum(values) / len(values)
 
@@ -456,7 +459,7 @@ def mean(runs):
 
 
 def compare(spec, runs):
-    """The lines of the tables: runs by data set and row, and after those of a row their mean."""
+    """Returns the lines of the tables: runs by data set and row, and after those of a row their mean."""
     lines = []
     for data in spec["sets"].values():
         for row in spec["rows"]:
@@ -466,7 +469,7 @@ def compare(spec, runs):
 
 
 def shown(lines):
-    """The metrics that the lines have."""
+    """Returns the metrics that occur in the lines."""
     return {key: metric for key, metric in METRICS.items() if any(key in run.values | run.paper for run in lines)}
 
 
@@ -501,7 +504,7 @@ def table_json(spec, runs, lines, occasion):
 
 
 def in_line(text):
-    """A text for a line or a cell of Markdown."""
+    """Returns text for a line or a cell of Markdown."""
     return text.replace("|", "/").replace("\n", " ")
 
 
@@ -510,7 +513,7 @@ def items(texts):
 
 
 def grouped(pairs):
-    """Texts, each after the names of all runs that have it."""
+    """Returns texts, each preceded by the names of all runs to which it applies."""
     names = {}
     for name, text in pairs:
         names.setdefault(text, []).append(name)
@@ -518,7 +521,7 @@ def grouped(pairs):
 
 
 def set_table(data, lines):
-    """The table of one data set."""
+    """Returns the table of one data set."""
     columns, scenes = shown(lines), len(data["scenes"])
     rows = [["method", "scene"]]
     for heading, _, _, quality in columns.values():
@@ -592,12 +595,12 @@ def dry_run(runs, options):
             except Failure as error:
                 text = f"time unknown: {error.args[1]}"
         print(f"{run.id}: {text}", flush=True)
-    print(f"\n{total:.3f} hours as planned, without loading and evaluation")
+    print(f"\nestimated total: {total:.3f} hours, without loading and evaluation")
     return 0
 
 
 def execute(spec, runs, options):
-    """Trains and measures what is not finished, and writes the tables after each run; with --task only prints them."""
+    """Trains and measures unfinished runs, and writes the tables after each run; with --task only prints them."""
     tables = [options.out / f"table.{suffix}" for suffix in ("md", "csv", "json")]
     results = tables + [run.folder / name for run in runs for name in ("job.json", "checkpoint.ubs", "model.ply")]
     found = [file for file in results if file.exists()]
@@ -644,7 +647,7 @@ def execute(spec, runs, options):
         save()
     print(save(), end="")
     if child.stopped or any(run.state in ("interrupted", "not run") for run in runs):
-        print("experiment.py: interrupted; go on with the same command and --resume", file=sys.stderr)
+        print("experiment.py: interrupted: continue with the same command and --resume", file=sys.stderr)
         return INTERRUPTED
     return next((run.code for run in runs if run.state == "failed"), 0)
 
@@ -686,7 +689,7 @@ def pair(text):
     return key, value
 
 
-pair.__name__ = "KEY=VALUE"  # for argparse's error
+pair.__name__ = "KEY=VALUE"  # required by argparse's error()
 
 
 def parse(arguments):
@@ -725,7 +728,7 @@ def parse(arguments):
     add("--task", metavar="ID", help="of these commands: only this run, as with --resume, and no tables")
     options = parser.parse_args(arguments)
     if not 1 <= options.scale_down <= 64 or options.fps_views < 0:
-        parser.error("--scale-down takes 1 to 64, and --fps-views 0 or more")
+        parser.error("--scale-down must be from 1 to 64, and --fps-views must not be negative")
     options.set, options.scene_folder = dict(options.set), dict(options.scene_folder)
     options.resume = options.resume or bool(options.task)
     options.on_device = ["--device", options.device] if options.device else []

@@ -39,7 +39,7 @@ typing_extensions.Tuple = typing.Tuple  # for Python and typing_extensions older
 
 
 class StandIn(types.ModuleType):
-    """A module of which only the names that the chosen tests use are real."""
+    """A module in which only the names that the selected tests use are implemented."""
     __path__ = []
     def __getattr__(self, name):
         if name.startswith("__"):

@@ -16,7 +16,7 @@ cmake -S "$root" -B "$folder/build" -DUBS_OPENCV=OFF -DUBS_OPENCL=OFF -DUBS_CUDA
 cmake --build "$folder/build" --parallel --target ubs
 ubs=$folder/build/ubs
 if ldd "$ubs" | grep -E "opencv|OpenCL|clblast|yaml|fmt|zstd|libz\."; then
-  echo "lean_check.sh: linked with what a bare machine has not" >&2
+  echo "lean_check.sh: linked with libraries that a minimal machine does not have" >&2
   exit 1
 fi
 "$ubs" --version

@@ -42,8 +42,8 @@ std::map<std::string, fs::path> images_in(const fs::path& folder) {
   for (const fs::path& entry : pictures_in(folder))
     if (const auto [first, fresh] = images.emplace(entry.stem().string(), entry); !fresh)
       fail(ErrorKind::data,
-           "{} and {} have the same name without extension, by which images are paired: move one of them "
-           "elsewhere",
+           "{} and {} have the same name without extension, but images are paired by these names: move one "
+           "of them elsewhere",
            first->second.string(), entry.string());
   return images;
 }
@@ -69,7 +69,7 @@ std::vector<Pair> pairs_of(const fs::path& truth, const fs::path& image) {
 ViewMetrics measure(ImageComparison& comparison, const Pair& pair) {
   const Image8 truth = load_image(pair.truth), image = load_image(pair.image);
   if (truth.width != image.width || truth.height != image.height)
-    fail(ErrorKind::data, "{} has {} x {} pixels, {} has {} x {}", pair.truth.string(), truth.width,
+    fail(ErrorKind::data, "{} has {} x {} pixels, but {} has {} x {}", pair.truth.string(), truth.width,
          truth.height, pair.image.string(), image.width, image.height);
   return comparison.measure(pair.name, truth, image);
 }

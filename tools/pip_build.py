@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The build backend of pyproject.toml: scikit-build-core, and the progress of the compilation on the terminal, which pip
-hides."""
+"""The build backend of pyproject.toml. It is scikit-build-core, and also shows the progress of the compilation on the
+terminal, which pip hides."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from scikit_build_core.build import *  # noqa: F403  the other hooks of PEP 517 
 
 @contextlib.contextmanager
 def _progress() -> Iterator[None]:
-    """Passes on what is written to the standard output, and shows Ninja's "[12/68]" on the terminal, if there is one."""
+    """Forwards the standard output, and shows Ninja's progress, such as "[12/68]", on the terminal if there is one."""
     try:
         terminal = open("/dev/tty", "w")
     except OSError:

@@ -103,8 +103,8 @@ int plan_train(const PlanOptions& options) {
     return 0;
   }
   if (uses_defaults)
-    say("schedule   {} iterations, at most {} splats; without options 'ubs train' ends after {} iterations "
-        "with fewer splats (--iterations {} for the published schedule)\n",
+    say("schedule   {} iterations, at most {} splats; without options, 'ubs train' ends after {} at the "
+        "latest, with fewer splats (--iterations {} for the published schedule)\n",
         settings.iterations, settings.cap_max, duration_text(kDefaultSeconds), kScheduleLength);
   say_plan(*device, plan);
   return 0;
@@ -195,8 +195,8 @@ int plan_ranks(const PlanOptions& options) {
                 {"costs", costs_json(costs)},
                 {"predictions", std::move(rows)}});
   else
-    say("batch {}, {} GB/s, {} us; network: what nothing hides; sent: a step, by the rank that sends "
-        "most\n{}",
+    say("batch {}, {} GB/s, {} us; network: time that does not overlap with computation; sent: per step, by "
+        "the rank that sends most\n{}",
         settings.batch, options.network.gigabytes_per_second, options.network.latency_us, text);
   return 0;
 }
@@ -217,13 +217,13 @@ Command add_plan(CLI::App& root) {
                                       "Predict what training on a data set, or rendering a model, needs: "
                                       "kernels, memory, intersections, time");
   const auto options = std::make_shared<PlanOptions>(*app);
-  app->add_option("data,--data", options->data, "data folder, or packed file [with --model: of its run]")
+  app->add_option("data,--data", options->data, "data folder, or packed file [with --model: that of its run]")
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
   CLI::Option* model = add_model_option(*app, "--model", options->model,
                                         "predict the rendering of this model or run instead of a training");
   app->add_option("--split", options->split, "with --model: views of this split [test]")->type_name("NAME");
-  app->add_flag("--depth", options->depth, "with --model: also the depth channel");
+  app->add_flag("--depth", options->depth, "with --model: also render the depth channel");
   for (const char* drawing : {"--split", "--depth"}) app->get_option(drawing)->needs(model);
   add_device_option(*app, options->device);
   CLI::Option* ranks = app->add_option("--ranks", options->ranks,
@@ -250,8 +250,8 @@ Command add_plan(CLI::App& root) {
       ->check(from_to(1.0, 1e12))
       ->type_name("COUNT,...");
   app->add_option("--costs", options->costs,
-                  "with --ranks: step costs of another device, as printed there with --json, instead of "
-                  "measuring this one")
+                  "with --ranks: file with the step costs of another device, as printed there with --json, "
+                  "instead of measuring this device")
       ->needs(ranks)
       ->type_name("FILE");
   app->add_flag("--json", options->json, "machine-readable output");

@@ -14,7 +14,7 @@ import sys
 try:
     import matplotlib
 except ImportError:
-    print("SKIPPED: matplotlib is not there (python3-matplotlib)")
+    print("SKIPPED: matplotlib is not installed (python3-matplotlib)")
     sys.exit(77)
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -204,7 +204,8 @@ double search_bound(const ReduceOptions& options, Session& session, const Reduce
     const Reduced reduced = reducer.reduce(bound, choice_of(options));
     const double loss = before - session.train_psnr(reduced.model);
     steps.push_back({bound, loss, reduced.model.parameters()});
-    session.note("weight bound {:.4g}: {} splats, {:.3f} dB less", bound, reduced.model.count(), loss);
+    session.note("weight bound {:.4g}: {} splats remain, PSNR falls by {:.3f} dB", bound,
+                 reduced.model.count(), loss);
     if (loss <= options.max_loss_db)
       allowed = low = bound;
     else
@@ -232,10 +233,10 @@ int run(ReduceOptions& options) {
   Session session(options);
   const MixedModel& model = session.model();
   if ((!Slicer::knows(model.variant()) || model.variant().direct()) && options.only != "splats")
-    warn("dimensions are only removed from models of the published form ({}): only splats are removed here",
+    warn("only splats are removed, because removing dimensions requires a model of the published form ({})",
          to_string(model.variant()));
   const Contributions contributions = session.contributions();
-  session.note("measuring the dimensions of {} splats", model.count());
+  session.note("measuring the effect of the dimensions of {} splats", model.count());
   const std::vector<Camera> train_cameras = cameras_of(session.train());
   const double worst = options.lossless ? 0 : options.bound >= 0 ? options.bound : kMaxBound;
   const Reducer reducer(model, train_cameras, contributions, session.eps2d(), worst);
@@ -250,7 +251,8 @@ int run(ReduceOptions& options) {
   const Reduced reduced = reducer.reduce(report.bound, choice_of(options));
   if (reduced.model.count() == 0)
     fail(ErrorKind::data,
-         "no splat would be left: the model contributes nothing to the training views above the bound {}",
+         "no splat would remain, because no splat has a weight above the bound {} in the training views: use "
+         "a smaller bound",
          report.bound);
   report.after = &reduced;
   session.compare(reduced, report, options.details || options.json);
@@ -318,7 +320,7 @@ Command add_reduce(CLI::App& root) {
       ->type_name("FILE");
   app->add_flag("--details", options->details, "measure training views and times too, and print a table");
   add_device_option(*app, options->device);
-  app->add_flag("--quiet", options->quiet, "no progress on stderr");
+  app->add_flag("--quiet", options->quiet, "do not print progress");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

@@ -100,7 +100,8 @@ void check(const RenderOptions& options) {
     fail(ErrorKind::usage, "no output given: pass --out DIR for images or --video FILE for a video");
   options.path.check_unused(!options.lens.empty());
   if (!options.video.empty() && options.channels.size() != 1)
-    fail(ErrorKind::usage, "--video: shows one channel, not {}", fmt::join(options.channels, ","));
+    fail(ErrorKind::usage, "--video: a video can show only one channel, not {}",
+         fmt::join(options.channels, ","));
 }
 
 // Returns the views of the data, or those along a path. A path is derived from the cameras of the training

@@ -57,8 +57,9 @@ std::optional<Checkpoint> later_checkpoint(RunRecord& run) {
   try {
     Checkpoint checkpoint = read_checkpoint(run.checkpoint());
     if (has_model && checkpoint.state.iteration <= run.number({"iterations"}).value_or(HUGE_VAL)) return {};
-    run.remarks.push_back(fmt::format("model.ply is {}: the model is that of the checkpoint, iteration {}",
-                                      has_model ? "older" : "missing", checkpoint.state.iteration));
+    run.remarks.push_back(
+        fmt::format("model.ply is {}: showing the model of the checkpoint at iteration {} instead",
+                    has_model ? "older" : "missing", checkpoint.state.iteration));
     return checkpoint;
   } catch (const Error& error) {
     if (!has_model || error.kind() != ErrorKind::data) throw;
@@ -131,9 +132,9 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
     try {
       Views views = open_views(model, place, run.settings);
       if (!model.data_print)
-        run.remarks.push_back(fmt::format("the run does not say whether {} holds its data", views.data));
+        run.remarks.push_back(fmt::format("the run does not record whether its data are in {}", views.data));
       if (views.same) return views;
-      why = fmt::format(kOthers, views.data, " (--data DIR takes them all the same)");
+      why = fmt::format(kOthers, views.data, " (--data DIR uses them anyway)");
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("the data cannot be used: {}", error.what());
@@ -183,7 +184,7 @@ void remark_on_splats(RunRecord& run, const MixedModel& model) {
   const std::optional<double> extent = run.number({"extent"});
   if (model.count() >= static_cast<std::size_t>(run.settings.cap_max))
     run.remarks.push_back(
-        fmt::format("the model has as many splats as --cap-max allows ({})", model.count()));
+        fmt::format("the model has reached the maximum number of splats, --cap-max ({})", model.count()));
   if (!extent || !(*extent > 0)) return;
   std::array<std::vector<float>, 3> at;
   for (const SplatModel& group : model.groups)
@@ -203,8 +204,8 @@ void remark_on_splats(RunRecord& run, const MixedModel& model) {
     far += std::hypot(at[0][i] - middle[0], at[1][i] - middle[1], at[2][i] - middle[2]) > kFar * *extent;
   if (far > 0)
     run.remarks.push_back(
-        fmt::format("{} of {} splats lie more than {} extents from the middle of the model: "
-                    "surroundings, or floaters that no camera saw twice",
+        fmt::format("{} of {} splats are more than {} extents away from the centre of the model: they are "
+                    "distant surroundings, or floaters that no two cameras see",
                     far, at[0].size(), kFar));
 }
 
@@ -250,7 +251,7 @@ void draw(ReportRun& run, const RunModel& model, ReportOptions& options, std::sh
   run.views_from = fmt::format("{} of the {} views of split '{}' of {}{}{}", views.size(),
                                found->split.views.size(), found->split.name, found->data,
                                has_worst ? fmt::format(", the worst ('{}') among them", worst) : "",
-                               truth ? "" : "; they have no images: no ground truth");
+                               truth ? "" : "; they have no images, so there is no ground truth");
 }
 
 // Makes the interactive viewer of a model that lists its cameras.
@@ -264,9 +265,10 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
   for (std::size_t i = 0; i < cameras.size(); ++i)
     page.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
   page.poster = web::poster_uri(web::draw_poster(device, *run.model, run.record.settings, cameras[0]));
-  const std::string note =
-      fmt::format("<p class=\"note\">The model of {} itself, rounded: {:.1f} dB against the exact one.</p>\n",
-                  escape_html(run.record.name), packed.psnr.mean);
+  const std::string note = fmt::format(
+      "<p class=\"note\">This is the model of {} in compressed form. PSNR against the original model: {:.1f} "
+      "dB.</p>\n",
+      escape_html(run.record.name), packed.psnr.mean);
   return {web::viewer_markup(page, run.record.settings, packed.bytes, true) + note, web::viewer_style(),
           web::viewer_script(), web::kViewerPolicy};
 }
@@ -278,8 +280,8 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
     return live_viewer(run, loaded, device);
   } catch (const Error& error) {
     if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::memory) throw;
-    run.record.remarks.push_back(
-        fmt::format("the page has no live model ('ubs web' has options for it): {}", error.what()));
+    run.record.remarks.push_back(fmt::format(
+        "the page has no interactive model ('ubs web' has options to create one): {}", error.what()));
     return {};
   }
 }
@@ -325,7 +327,7 @@ int run(ReportOptions& options) {
     fail(ErrorKind::usage, "--out is required for several runs (see 'ubs report --help')");
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
-  if (is_folder(out)) fail(ErrorKind::usage, "--out {}: is a folder; name a file", out);
+  if (is_folder(out)) fail(ErrorKind::usage, "--out {}: this is a folder: pass the name of a file", out);
   check_output_files({out}, {options.data}, options.overwrite);
   ReportViewer viewer;
   std::vector<ReportRun> runs = open_runs(options, viewer);

@@ -107,7 +107,7 @@ side by side  $out/run/renders/*.png (ground truth | render)
 TEXT
 }
 
-# A tool that cannot be fetched is not an error: the gates that need it are skipped and say so.
+# A tool that cannot be fetched is not an error: the gates that need it are skipped with a message.
 fetch_gates() {
   [ "${UBS_GATES:-}" = off ] && return
   # Package names with a version change between releases, and one unknown name makes apt install none of the
@@ -115,7 +115,7 @@ fetch_gates() {
   local known
   mapfile -t known < <(apt-cache show "${gate_packages[@]}" 2>/dev/null | sed -n 's/^Package: //p' | sort -u)
   [ ${#known[@]} -eq ${#gate_packages[@]} ] ||
-    echo "Of ${gate_packages[*]} apt knows only: ${known[*]} (others: apt-get update, or another release)"
+    echo "apt provides only these of the packages ${gate_packages[*]}: ${known[*]} (for the others, run apt-get update, or use another release)"
   (install_packages "${known[@]}") || echo "Tools of gates could not be installed."
   # A separate process, because set -e has no effect in a function that is followed by `||`.
   bash tools/setup.sh fetch-drivers || echo "Mesa's rusticl and Intel's ocloc could not be fetched."

@@ -40,15 +40,16 @@ Command add_synth(CLI::App& root) {
   app->add_option("--out", options->out, "data folder to write")->required()->type_name("DIR");
   CLI::Option* width = app->add_option("--width", scene.width, "image width")->capture_default_str();
   CLI::Option* height = app->add_option("--height", scene.height, "image height")->capture_default_str();
-  app->add_option("--size", options->size, "width and height at once")
+  app->add_option("--size", options->size, "width and height")
       ->check(from_to(1, 8192))
       ->excludes(width)
       ->excludes(height);
   app->add_option("--views", scene.train_views, "training views")->capture_default_str();
   app->add_option("--test-views", scene.test_views, "test views")->capture_default_str();
   app->add_option("--val-views", scene.val_views, "validation views")->capture_default_str();
-  app->add_option("--supersampling", scene.supersampling, "rays per pixel and axis")->capture_default_str();
-  app->add_option("--seed", scene.seed, "seed for camera positions, and for the shape of the cloud")
+  app->add_option("--supersampling", scene.supersampling, "number of rays per pixel along each axis")
+      ->capture_default_str();
+  app->add_option("--seed", scene.seed, "seed of the camera positions and of the shape of the cloud")
       ->check(not_negative())
       ->capture_default_str();
   add_overwrite_option(*app, scene.overwrite);

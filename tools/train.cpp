@@ -424,7 +424,7 @@ Command add_train(CLI::App& root) {
   app->get_option("--dim")->description(kAutoDimHelp);
   app->add_option("--out", options->start.out,
                   "output folder: model.ply, metrics.json, log.csv, config.yaml, checkpoint.ubs, renders/ "
-                  "[beside the data: NAME-ubs, NAME-ubs-2, ...]")
+                  "[next to the data: NAME-ubs, NAME-ubs-2, ...]")
       ->type_name("DIR");
   app->add_option(
          "--budget", options->start.budget,

@@ -72,7 +72,7 @@ int run(WebOptions& options) {
   files_before_output();
   const bool container = small_extension(options.out) == ".ubsz";
   if (container && (options.embed || !options.poster.empty() || !options.title.empty()))
-    fail(ErrorKind::usage, "--out {}: --embed, --poster and --title only apply to an HTML page", options.out);
+    fail(ErrorKind::usage, "--out {}: --embed, --poster and --title only apply to HTML pages", options.out);
   check_output_files({options.out, options.poster}, {options.model, options.data}, options.overwrite);
   const LoadedModel loaded = options.load();
   if (loaded.model.count() == 0) fail(ErrorKind::data, "{}: no splats to show", options.model);
@@ -122,10 +122,10 @@ int run(WebOptions& options) {
     print_json(json);
     return 0;
   }
-  say("model    {} in {:.2f} MB, {:.1f} bytes a splat\n", to_string(loaded.model),
+  say("model    {} in {:.2f} MB, {:.1f} bytes per splat\n", to_string(loaded.model),
       static_cast<double>(model.size()) / 1e6, json["bytes_per_splat"].get<double>());
   for (std::size_t k = 0; k < packed.levels.size(); ++k)
-    say("level {}  {} splats, the first {:.2f} MB: {:.2f} dB\n", k + 1, packed.levels[k].splats,
+    say("level {}  {} splats in the first {:.2f} MB, PSNR {:.2f} dB\n", k + 1, packed.levels[k].splats,
         static_cast<double>(packed.levels[k].bytes) / 1e6, packed.levels[k].psnr.mean);
   if (options.exact)
     say("quality  lossless\n");
@@ -173,7 +173,7 @@ Command add_web(CLI::App& root) {
   app->add_option("--title", options->title, "title of the page [name of the file]")->type_name("TEXT");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
-  app->add_flag("--quiet", options->quiet, "no notes on the way");
+  app->add_flag("--quiet", options->quiet, "do not print progress");
   return {app, [options] { return run(*options); }};
 }
 

@@ -50,7 +50,7 @@ InitialSpace between(double near, double far, std::string why) {
   return {.near = near,
           .far = far,
           .depth = std::sqrt(near * far),
-          .text = fmt::format("in what the cameras see at depths of {:.3g} to {:.3g}: {}", near, far, why)};
+          .text = fmt::format("where the cameras see depths from {:.3g} to {:.3g}: {}", near, far, why)};
 }
 
 }  // namespace

@@ -182,7 +182,7 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
       fail(ErrorKind::usage, "view '{}': time = {} is outside of 0 to 1", view.name, view.camera.time);
     const auto pixels =
         static_cast<std::size_t>(view.camera.width) * static_cast<std::size_t>(view.camera.height);
-    if (mask && !rgb) fail(ErrorKind::usage, "view '{}' has a mask and no image", view.name);
+    if (mask && !rgb) fail(ErrorKind::usage, "view '{}' has a mask but no image", view.name);
     if (rgb) view.image = {view.camera.width, view.camera.height, {rgb, rgb + 3 * pixels}, {}};
     if (mask) view.image.mask.assign(mask, mask + pixels);
     view.masked = mask != nullptr;
@@ -195,7 +195,7 @@ ubs_status ubs_data_add_view(ubs_data* data, const char* split, const char* name
 ubs_status ubs_data_set_points(ubs_data* data, size_t count, const float* positions, const uint8_t* colours) {
   return guarded([&] {
     Dataset& set = to_change(data);
-    if (count == 0) fail(ErrorKind::usage, "there are no points");
+    if (count == 0) fail(ErrorKind::usage, "the data set has no points");
     given(positions, "positions");
     PointCloud points;
     constexpr std::uint8_t kGrey = 127;  // as for points without colour in files

@@ -53,7 +53,7 @@ const char* to_string(BetaKind kind) {
     case BetaKind::temporal:
       return "temporal";
   }
-  fail(ErrorKind::internal, "no such kind of beta");
+  fail(ErrorKind::internal, "unknown kind of beta");
 }
 
 bool has_beta(const MixedModel& model, BetaKind kind) {
@@ -63,7 +63,7 @@ bool has_beta(const MixedModel& model, BetaKind kind) {
 
 std::vector<float> beta_values(const MixedModel& model, BetaKind kind) {
   if (!has_beta(model, kind))
-    fail(ErrorKind::usage, "the model has no {} betas to decompose by: {}, form {}", to_string(kind),
+    fail(ErrorKind::usage, "the model has no {} betas to decompose by (it has {}, form {})", to_string(kind),
          to_string(model), to_string(model.variant()));
   std::vector<float> values;
   values.reserve(model.count());
@@ -85,7 +85,8 @@ std::vector<double> beta_quantiles(const MixedModel& model, BetaKind kind) {
 
 std::vector<bool> select_by_quantile(const std::vector<double>& quantiles, const BetaRange& range) {
   if (!(0 <= range.low && range.low <= range.high && range.high <= 1))
-    fail(ErrorKind::usage, "quantiles {} to {}: both must lie between 0 and 1, the lower one first",
+    fail(ErrorKind::usage,
+         "quantiles {} to {}: both must be between 0 and 1, and the first must not be larger than the second",
          range.low, range.high);
   std::vector<bool> keep(quantiles.size());
   std::transform(quantiles.begin(), quantiles.end(), keep.begin(),
@@ -95,7 +96,8 @@ std::vector<bool> select_by_quantile(const std::vector<double>& quantiles, const
 
 MixedModel keep_splats(const MixedModel& model, const std::vector<bool>& keep) {
   if (keep.size() != model.count())
-    fail(ErrorKind::internal, "{} flags for {} splats", keep.size(), model.count());
+    fail(ErrorKind::internal, "the number of flags is {}, but the model has {} splats", keep.size(),
+         model.count());
   std::vector<SplatModel> groups;
   std::size_t first = 0;
   for (const SplatModel& group : model.groups) {

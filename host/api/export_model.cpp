@@ -25,7 +25,7 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
   for (const SplatModel& group : model.groups) exact += is_gaussian_model(group);
   if (exact > 0)
     remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians are exported exactly"
-                                                  : "Gaussians as they are");
+                                                  : "Gaussians are exported exactly");
   if (exact < model.groups.size())
     remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
   std::optional<ImportedSplats> splats;
@@ -43,7 +43,7 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
   if (model.variant().lobes() > 0) remarks.push_back(kLobesLost);
   if (splats->count() == 0 && model.count() > 0)
     fail(ErrorKind::data, "none of the {} splats can be exported: {}", model.count(),
-         splats->report.skipped.empty() ? "they show nothing" : splats->report.skipped.front().why);
+         splats->report.skipped.empty() ? "they are invisible" : splats->report.skipped.front().why);
   for (const auto& s : splats->report.skipped)
     remarks.push_back(fmt::format("{} dropped: {}", s.count, s.why));
   return std::move(*splats);

@@ -40,8 +40,8 @@ void check_finite(std::span<const float> image, const char* what) {
 
 void check_pixels(const std::string& name, int width, int height) {
   if (std::int64_t{width} * height > kMaxPixels)
-    fail(ErrorKind::data, "{}: {}x{} pixels: images of at most {} are compared", name, width, height,
-         kMaxPixels);
+    fail(ErrorKind::data, "{}: {}x{} pixels are too many to compare: images can have at most {}", name, width,
+         height, kMaxPixels);
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ Pose looking_pose(const Node& node, const KeyframeDefaults& defaults) {
   const Vec3 position = node.vector("position"), target = node.vector("look_at");
   const Vec3 up = node.has("up") ? Vec3(node.vector("up")) : defaults.up;
   if (!(length(target - position) > 1e-9))
-    fail(ErrorKind::data, "{}: 'look_at' is the position itself", node.where);
+    fail(ErrorKind::data, "{}: 'look_at' must differ from the position of the camera", node.where);
   if (!(length(cross(normalised(up), normalised(target - position))) > 1e-6))
     fail(ErrorKind::data, "{}: 'up' is zero or points along the view", node.where);
   return look_at(position, target, up);

@@ -115,7 +115,8 @@ std::vector<Camera> LensImage::faces(const Camera& camera) const {
 
 RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
   if (faces.size() != plans_.size())
-    fail(ErrorKind::internal, "{} images for {} faces of a lens", faces.size(), plans_.size());
+    fail(ErrorKind::internal, "the number of images is {}, but the lens has {} faces", faces.size(),
+         plans_.size());
   RenderedView out{fine_.width / kSamples, fine_.height / kSamples, {}, {}, {}};
   const std::size_t pixels = static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height);
   const bool depth = !faces.front().depth.empty();

@@ -36,7 +36,7 @@ Image8 depth_picture(const RenderedView& view, const DepthRange& range) {
   colours.reserve(3 * view.depth.size());
   for (std::size_t i = 0; i < view.depth.size(); ++i) {
     const float alpha = view.alpha[i], z = view.depth[i];
-    if (!std::isfinite(z)) fail(ErrorKind::numerical, "depth of pixel {} is {}", i, z);
+    if (!std::isfinite(z)) fail(ErrorKind::numerical, "the depth of pixel {} is {}", i, z);
     const float nearness =
         range.empty() ? 0.5f : std::clamp((range.far - z) / (range.far - range.near), 0.0f, 1.0f);
     const cv::Vec3b& colour = turbo()(0, static_cast<int>(nearness * 255.0f + 0.5f));

@@ -130,9 +130,10 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
   if (!data.points) data.points.emplace();
   std::ranges::copy(found.points.positions, std::back_inserter(data.points->positions));
   std::ranges::copy(found.points.colours, std::back_inserter(data.points->colours));
-  data.report.notes.push_back(fmt::format(
-      "initial points found by comparing images: {} corners, {} pixels between them (--init-points: none)",
-      found.corners, found.points.positions.size() - found.corners));
+  data.report.notes.push_back(
+      fmt::format("initial points found by comparing images: {} at keypoints, {} at pixels between them (to "
+                  "disable: --init-points NUMBER)",
+                  found.corners, found.points.positions.size() - found.corners));
 }
 
 bool still(const Split& train) {
@@ -146,13 +147,13 @@ void align(Dataset& data, Split& train) {
   const Alignment found = align_cameras(train.views);
   if (train.views.size() > kMaxAlignedViews)
     data.report.note(
-        fmt::format("{} cameras are not aligned before training: at most {} can be aligned by corners",
+        fmt::format("{} cameras are not aligned before training, because at most {} can be aligned",
                     train.views.size(), kMaxAlignedViews));
   if (found.aligned == 0) return;
   for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
   data.report.notes.push_back(
-      fmt::format("aligned {} of {} cameras with {} points found in their images: reprojection error {:.2f} "
-                  "pixels, {:.2f} before",
+      fmt::format("aligned {} of {} cameras with {} points found in their images: the reprojection error "
+                  "fell to {:.2f} pixels from {:.2f}",
                   found.aligned, train.views.size(), found.points, found.after, found.before));
 }
 
@@ -208,7 +209,7 @@ void settle_background(Dataset& data, const Split& train, TrainSettings& setting
     data.report.notes.push_back(fmt::format("background {}: the mean colour of the images (--background){}",
                                             fmt::join(behind.colour, ","),
                                             settings.random_background == RandomBackground::on
-                                                ? ", and random colours in training (--random-background)"
+                                                ? ", and random colours during training (--random-background)"
                                                 : ""));
 }
 
@@ -220,7 +221,7 @@ void describe_start(Dataset& data, const Split& train, const TrainSettings& sett
                           ? fmt::format("within {} of the origin along each axis", settings.init_extent)
                           : space_for(train).text;
   data.report.notes.push_back(fmt::format(
-      "the data has no points: splats start at random positions {} (--init-points, --init-extent)", where));
+      "the data have no points: splats start at random positions {} (--init-points, --init-extent)", where));
 }
 
 }  // namespace
@@ -266,9 +267,9 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
         settings.conditioning_auto && has_time(choice.dim) && settings.variant == ModelVariant{};
     if (direct) settings.variant.conditioning = Conditioning::direct;
     validate(settings);
-    data.report.notes.push_back(
-        fmt::format("dim auto: N = {}, {}{}", choice.dim, choice.reason,
-                    direct ? "; direct conditioning (--conditioning covariance: as published)" : ""));
+    data.report.notes.push_back(fmt::format(
+        "dim auto: N = {}, {}{}", choice.dim, choice.reason,
+        direct ? "; direct conditioning (for the published form: --conditioning covariance)" : ""));
   }
   settings.conditioning_auto = false;
   if (has_wide_images(train) && !settings.chosen.contains("opacity_reg")) {

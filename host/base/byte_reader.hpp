@@ -28,8 +28,8 @@ class ByteReader {
 
   std::span<const std::byte> take(std::size_t count) {
     if (count > remaining())
-      fail(ErrorKind::data, "{}: truncated: {} bytes at byte {}, {} more were expected", name_, remaining(),
-           at_, count);
+      fail(ErrorKind::data, "{}: truncated: only {} bytes follow byte {}, but {} more are needed", name_,
+           remaining(), at_, count);
     at_ += count;
     return bytes_.subspan(at_ - count, count);
   }
@@ -42,7 +42,7 @@ class ByteReader {
   std::size_t read_count(std::size_t smallest, const char* what) {
     const T count = read<T>();
     if (count > remaining() / smallest)
-      fail(ErrorKind::data, "{}: {} {} promised at byte {}, but only {} bytes follow", name_, count, what,
+      fail(ErrorKind::data, "{}: {} {} announced at byte {}, but only {} bytes follow", name_, count, what,
            at_ - sizeof(T), remaining());
     return static_cast<std::size_t>(count);
   }

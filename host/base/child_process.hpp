@@ -11,7 +11,7 @@ namespace ubs {
 
 struct ChildResult {
   int code = 0;    // exit code, if it exited by itself
-  int signal = 0;  // signal that ended it, else 0
+  int signal = 0;  // signal that ended it, otherwise 0
 };
 
 // Runs the program and waits for its end. Its standard output and error are appended to `log`, after a line

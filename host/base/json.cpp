@@ -68,7 +68,7 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
 
   bool open(bool is_array) {
     if (open_.size() == kDeepestJson)
-      fail(ErrorKind::data, "{}: JSON nested deeper than {}", name_, kDeepestJson);
+      fail(ErrorKind::data, "{}: the JSON is nested deeper than {} levels", name_, kDeepestJson);
     open_.push_back({is_array, {}, {}, {}, {}});
     return true;
   }
@@ -102,7 +102,8 @@ class JsonBuilder : public nlohmann::json_sax<Json> {
 // each value except the outermost one follows one of them.
 void check_size(std::string_view text, const std::string& name) {
   if (text.size() > kLargestJson)
-    fail(ErrorKind::data, "{}: JSON of {} bytes: at most {} are read", name, text.size(), kLargestJson);
+    fail(ErrorKind::data, "{}: the JSON has {} bytes, but at most {} are supported", name, text.size(),
+         kLargestJson);
   const auto values = std::ranges::count_if(text, [](char c) { return c == ',' || c == '[' || c == '{'; });
   const std::uint64_t need = kBytesAValue * static_cast<std::uint64_t>(values) + 2 * text.size();
   if (need > kSmallJson) require_memory(need, fmt::format("{}: JSON of {} bytes", name, text.size()));

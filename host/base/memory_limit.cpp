@@ -129,16 +129,16 @@ std::uint64_t memory_available() {
 
 void require_memory(std::uint64_t bytes, const std::string& what) {
   if (const std::uint64_t available = memory_available(); bytes > available)
-    fail(ErrorKind::memory, "{} needs {:.0f} MiB of memory, {:.0f} are available{}", what, mib(bytes),
-         mib(available), memory_limits_text());
+    fail(ErrorKind::memory, "{} needs {:.0f} MiB of memory, but only {:.0f} MiB are available{}", what,
+         mib(bytes), mib(available), memory_limits_text());
 }
 
 void check_driver_fits() {
   const MemoryRoom room = room_of(kProcessLimits[0]);
   if (room.left < kDriverLibraries)
     fail(ErrorKind::memory,
-         "an OpenCL driver needs about {} MiB of address space, but of {} MiB ({}) only {} are left: raise "
-         "the limit",
+         "an OpenCL driver needs about {} MiB of address space, but the limit of {} MiB ({}) leaves only {} "
+         "MiB: raise the limit",
          kDriverLibraries / kMebibyte, room.limit / kMebibyte, room.name, room.left / kMebibyte);
 }
 

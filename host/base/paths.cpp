@@ -31,7 +31,7 @@ fs::file_type type_of(const fs::path& path) {
   const fs::file_type type = fs::status(path, error).type();
   if (type != fs::file_type::none) return type;
   if (error == std::errc::filename_too_long) return fs::file_type::not_found;
-  refuse(path, "cannot be looked at", error);
+  refuse(path, "cannot be accessed", error);
 }
 
 }  // namespace
@@ -49,7 +49,7 @@ bool same_file(const fs::path& a, const fs::path& b) {
 std::uint64_t file_bytes(const fs::path& path) {
   std::error_code error;
   const std::uintmax_t bytes = fs::file_size(path, error);
-  check(error, path, "has no size");
+  check(error, path, "cannot determine the size");
   return bytes;
 }
 
@@ -71,7 +71,7 @@ void make_folders(const fs::path& folder) {
   if (above != folder) make_folders(above);
   std::error_code error;
   const bool made = fs::create_directory(folder, error);
-  check(error, folder, "cannot make the folder");
+  check(error, folder, "cannot create the folder");
   if (made) sync_folder(above);
 }
 
@@ -103,14 +103,14 @@ fs::path folder_of(const fs::path& file) { return file.has_parent_path() ? file.
 fs::path absolute_path(const fs::path& path) {
   std::error_code error;
   fs::path result = fs::absolute(path, error);
-  check(error, path, "has no absolute form");
+  check(error, path, "cannot be converted to an absolute path");
   return result;
 }
 
 fs::path resolved_path(const fs::path& path) {
   std::error_code error;
   fs::path result = fs::weakly_canonical(path, error);
-  check(error, path, "cannot be followed");
+  check(error, path, "cannot be resolved");
   if (!result.is_absolute()) result = absolute_path(result).lexically_normal();
   return result.has_filename() ? result : result.parent_path();  // without a separator at the end
 }

@@ -65,7 +65,7 @@ double differing(const std::vector<float>& a, const std::vector<float>& b) {
 
 Finding check_repeats(StageRun& run, bool backward) {
   const char* operation = backward ? "iteration" : "forward";
-  Worst worst("the same bits again");
+  Worst worst("reproducibility");
   run.run(operation);
   const std::vector<float> image = run.image(), gradient = backward ? run.gradient() : std::vector<float>{};
   run.run(operation);

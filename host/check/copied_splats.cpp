@@ -59,21 +59,24 @@ Copies judge_copies(const Population& before, const Population& after,
   for (const std::uint32_t slot : written) {
     // The value may not be an index, because a slot that was not written may contain anything.
     const float origin = after.at(0, slot);
-    if (!require(origin >= 0 && origin < static_cast<float>(before.count), "is no copy", slot)) return copies;
+    if (!require(origin >= 0 && origin < static_cast<float>(before.count),
+                 "is not a copy of an existing splat", slot))
+      return copies;
     ++copies.of_source[after.origin(slot)];
-    require(moments_are(after, slot, 0, 0), "has the moments of another", slot);
-    require(same_rows(after, slot, after, after.origin(slot), true), "differs from its source", slot);
+    require(moments_are(after, slot, 0, 0), "is a copy, but its moments are not 0", slot);
+    require(same_rows(after, slot, after, after.origin(slot), true), "is a copy, but differs from its source",
+            slot);
   }
   for (std::uint32_t i = 0; i < before.count; ++i) {
     if (const auto source = copies.of_source.find(i); source != copies.of_source.end()) {
       const double expected = split_opacity(before.opacity(i), source->second + 1);
       const double error = std::abs(after.opacity(i) / expected - 1);
       copies.opacity_error = error <= copies.opacity_error ? copies.opacity_error : error;  // a NaN is kept
-      require(moments_are(after, i, 0, 0), "was copied and has its old moments", i);
-      require(same_rows(before, i, after, i, false), "was copied and has moved", i);
+      require(moments_are(after, i, 0, 0), "was copied, but its moments were not reset", i);
+      require(same_rows(before, i, after, i, false), "was copied, but its position or shape changed", i);
     } else if (std::ranges::find(written, i) == written.end()) {
       require(same_rows(before, i, after, i, true) && moments_are(after, i, kMoment1, kMoment2),
-              "was to stay as it was", i);
+              "changed, although it was not involved", i);
     }
   }
   return copies;

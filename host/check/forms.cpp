@@ -60,7 +60,8 @@ std::size_t nearest_form(const Form& form) {
   for (std::size_t i = 0; i < all.size(); ++i)
     if (all[i].dim == form.dim && (best == all.size() || agreeing(all[i], form) > agreeing(all[best], form)))
       best = i;
-  if (best == all.size()) fail(ErrorKind::internal, "no form of N = {} can be checked", form.dim);
+  if (best == all.size())
+    fail(ErrorKind::internal, "there is no form with N = {} that can be checked", form.dim);
   return best;
 }
 

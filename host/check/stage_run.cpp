@@ -88,7 +88,7 @@ void StageRun::run(const std::string& stage) {
   } else if (const Operation* last = stages_.last(stage)) {
     stages_.real().run(*last);
   } else {
-    fail(ErrorKind::internal, "there is no stage '{}'", stage);
+    fail(ErrorKind::internal, "unknown stage '{}'", stage);
   }
   device_.finish();
 }

@@ -25,7 +25,8 @@ class PackStream {
   template <class Stored, class T>
   void array(const std::vector<T>& values, std::size_t size) {
     if (values.size() != size)
-      fail(ErrorKind::internal, "vectors of the device check: {} values instead of {}", values.size(), size);
+      fail(ErrorKind::internal, "the reference data of the device check have {} values instead of {}",
+           values.size(), size);
     for (const T& value : values) number(static_cast<Stored>(value));
   }
   template <class T>
@@ -44,14 +45,15 @@ class UnpackStream {
   explicit UnpackStream(std::span<const std::byte> bytes) : rest_(bytes) {}
   template <class T>
   void number(T& value) {
-    if (rest_.size() < sizeof value) fail(ErrorKind::internal, "vectors of the device check end too early");
+    if (rest_.size() < sizeof value)
+      fail(ErrorKind::internal, "the reference data of the device check are truncated");
     std::memcpy(&value, rest_.data(), sizeof value);
     rest_ = rest_.subspan(sizeof value);
   }
   template <class Stored, class T>
   void array(std::vector<T>& values, std::size_t size) {
     if (size > rest_.size() / sizeof(Stored))
-      fail(ErrorKind::internal, "vectors of the device check end too early");
+      fail(ErrorKind::internal, "the reference data of the device check are truncated");
     values.resize(size);
     for (T& value : values) {
       Stored stored;
@@ -63,11 +65,11 @@ class UnpackStream {
   void agree(const T& value) {
     T found;
     number(found);
-    if (found != value) fail(ErrorKind::internal, "vectors of the device check are those of another build");
+    if (found != value)
+      fail(ErrorKind::internal, "the reference data of the device check belong to another build");
   }
   void end() const {
-    if (!rest_.empty())
-      fail(ErrorKind::internal, "vectors of the device check are longer than they should be");
+    if (!rest_.empty()) fail(ErrorKind::internal, "the reference data of the device check are too long");
   }
 
  private:
@@ -164,7 +166,9 @@ std::vector<std::byte> pack(const Vectors& vectors) {
   std::memcpy(out.data(), &size, sizeof size);
   const int result = compress2(reinterpret_cast<Bytef*>(out.data() + sizeof size), &length,
                                reinterpret_cast<const Bytef*>(stream.bytes().data()), size, 9);
-  if (result != Z_OK) fail(ErrorKind::internal, "vectors of the device check: zlib answers {}", result);
+  if (result != Z_OK)
+    fail(ErrorKind::internal,
+         "the reference data of the device check cannot be decompressed: zlib returned {}", result);
   out.resize(sizeof size + length);
   return out;
 }
@@ -173,13 +177,15 @@ Vectors unpack(std::span<const std::byte> bytes) {
   constexpr std::uint64_t kMost = 1 << 28;
   std::uint64_t size = 0;
   if (bytes.size() > sizeof size) std::memcpy(&size, bytes.data(), sizeof size);
-  if (size == 0 || size > kMost) fail(ErrorKind::internal, "vectors of the device check are damaged");
+  if (size == 0 || size > kMost)
+    fail(ErrorKind::internal, "the reference data of the device check are damaged");
   std::vector<std::byte> raw(size);
   uLongf length = size;
   const auto stored = bytes.subspan(sizeof size);
   const int result = uncompress(reinterpret_cast<Bytef*>(raw.data()), &length,
                                 reinterpret_cast<const Bytef*>(stored.data()), stored.size());
-  if (result != Z_OK || length != size) fail(ErrorKind::internal, "vectors of the device check are damaged");
+  if (result != Z_OK || length != size)
+    fail(ErrorKind::internal, "the reference data of the device check are damaged");
   UnpackStream stream(raw);
   Vectors vectors;
   pass(stream, vectors);

@@ -26,7 +26,7 @@ void check_mpi(int code, const char* call) {
   char text[MPI_MAX_ERROR_STRING] = {};
   int length = 0;
   MPI_Error_string(code, text, &length);
-  fail(ErrorKind::device, "{}: {}; the job cannot go on", call, text);
+  fail(ErrorKind::device, "{}: {}; the job cannot continue", call, text);
 }
 
 class MpiRanks final : public Communicator {
@@ -53,7 +53,7 @@ class MpiRanks final : public Communicator {
 
   std::unique_ptr<Exchange> start(const Pieces& pieces) override {
     if (pieces.size() != static_cast<std::size_t>(size_))
-      fail(ErrorKind::internal, "{} pieces for {} ranks", pieces.size(), size_);
+      fail(ErrorKind::internal, "the number of messages is {}, but there are {} ranks", pieces.size(), size_);
     number_ = number_ % kNumbers + 1;
     return std::make_unique<OnTheWay>(*this, pieces, number_);
   }

@@ -70,8 +70,8 @@ void refuse_distortion(const Node& frame, const Node& file) {
   for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0); value != 0)
       fail(ErrorKind::data,
-           "{}: '{}' = {}: lenses with distortion are not read in this layout: give the file in the place "
-           "of the folder, to read it as nerfstudio's",
+           "{}: '{}' = {}: lens distortion is not supported in the Blender layout: pass the JSON file "
+           "instead of the folder to load it as nerfstudio data",
            frame.where, key, value);
 }
 
@@ -190,7 +190,7 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
     view.camera.time = times.normalise(raw_time(frame));
     view.camera.extra = read_query(frame);
     if (!pending.empty() && view.camera.extra.size() != pending[0].view.camera.extra.size())
-      fail(ErrorKind::data, "{}: 'query' has {} values, frame 0 has {}", frame.where,
+      fail(ErrorKind::data, "{}: 'query' has {} values, but that of frame 0 has {}", frame.where,
            view.camera.extra.size(), pending[0].view.camera.extra.size());
     pending.push_back({std::move(view), frame, images[i]});
   }

@@ -26,7 +26,7 @@ const LensModel& colmap_model_of_name(const std::string& name, const std::string
 
 void check_end(const ByteReader& in) {
   if (in.remaining() > 0)
-    fail(ErrorKind::data, "{}: {} bytes behind the last record", in.name(), in.remaining());
+    fail(ErrorKind::data, "{}: {} bytes follow the last record", in.name(), in.remaining());
 }
 
 void read_binary_cameras(const fs::path& path, ColmapModel& model) {
@@ -141,7 +141,7 @@ void add_colmap_image(ColmapModel& model, ColmapImage image, const std::string& 
     return;
   }
   if (!(norm > 1e-12) || !std::isfinite(norm))
-    fail(ErrorKind::data, "{}: the rotation is no quaternion", where);
+    fail(ErrorKind::data, "{}: the rotation is not a valid quaternion", where);
   for (double& q : image.rotation) q /= std::sqrt(norm);
   if (image.name.empty()) fail(ErrorKind::data, "{}: the image has no name", where);
   if (!model.cameras.contains(image.camera))
@@ -174,16 +174,15 @@ fs::path find_colmap_model(const fs::path& data, const std::string& name, LoadRe
   if (name != "auto") {
     const auto named = std::ranges::find_if(models, [&](const fs::path& m) { return m.filename() == name; });
     if (named == models.end())
-      fail(ErrorKind::usage,
-           "{}: no COLMAP model is called '{}': there are {}; choose one with --colmap-model", data.string(),
-           name, fmt::join(words, ", "));
+      fail(ErrorKind::usage, "{}: there is no COLMAP model '{}': choose one of {} with --colmap-model",
+           data.string(), name, fmt::join(words, ", "));
     chosen = static_cast<std::size_t>(named - models.begin());
   }
   if (report)
-    report->note_difference(
-        fmt::format("{} COLMAP models: {}; {} is used, {}", models.size(), fmt::join(words, ", "),
-                    models[chosen].lexically_relative(data).string(),
-                    name == "auto" ? "the largest (--colmap-model NAME takes another)" : "as asked"));
+    report->note_difference(fmt::format(
+        "found {} COLMAP models: {}; using {}, {}", models.size(), fmt::join(words, ", "),
+        models[chosen].lexically_relative(data).string(),
+        name == "auto" ? "the largest (choose another with --colmap-model NAME)" : "as requested"));
   return models[chosen];
 }
 

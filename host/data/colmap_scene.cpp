@@ -66,7 +66,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const bool have_folder = is_folder(base);
   const bool stated_folder = options.read.images != "auto";  // named by the user
   if (options.load_images && !have_folder && stated_folder)
-    fail(ErrorKind::data, "{}: there is no folder of images '{}'", folder.string(), image_folder);
+    fail(ErrorKind::data, "{}: the image folder '{}' does not exist", folder.string(), image_folder);
   if (stated_folder) root.add(base);
 
   std::vector<StatedName> names;
@@ -103,7 +103,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
       check_camera(views[k].camera, names[i].where);
   }
   files.report(scene.report);
-  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels are ignored", masks));
   settle_image_names(views, counts);
   scene.splits = split_every(std::move(views), options.read.test_every);
   const fs::path ply = model_folder / "points3D.ply";  // some tools write this file instead of points3D.bin

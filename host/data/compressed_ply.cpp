@@ -153,9 +153,9 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path) {
   const PlyElement* sh = find_element(header, "sh");
   if (header.elements[0].name != "chunk" || header.elements.size() < 2 || &header.elements[1] != vertex ||
       header.elements.size() != (sh ? 3u : 2u))
-    fail(ErrorKind::data, "{}: expected the elements chunk, vertex and, at most, sh", name);
+    fail(ErrorKind::data, "{}: expected the elements chunk, vertex and, optionally, sh", name);
   if (header.elements[0].count < (vertex->count + kChunk - 1) / kChunk || (sh && sh->count != vertex->count))
-    fail(ErrorKind::data, "{}: {} chunks and {} rows of sh do not fit {} splats", name,
+    fail(ErrorKind::data, "{}: {} chunks and {} rows of sh do not match {} splats", name,
          header.elements[0].count, sh ? sh->count : 0, vertex->count);
   const Chunks chunks = read_chunks(stream, header.elements[0], name);
   std::array<std::size_t, 4> words{};

@@ -122,7 +122,7 @@ std::string with_marked_nan(const std::string& text) {
 // Throws if `json` is or contains a marked string; `field` is the name of the member that holds it.
 void refuse_marked(const Json& json, const std::string& field, const std::string& where) {
   if (json.is_string() && json.get_ref<const std::string&>().starts_with(kMarker))
-    fail(ErrorKind::data, "{}: '{}' has the value {}, which is no number", where, field,
+    fail(ErrorKind::data, "{}: '{}' has the value {}, which is not a number", where, field,
          json.get_ref<const std::string&>().substr(1));
   if (!json.is_structured()) return;
   for (const auto& [key, value] : json.items()) refuse_marked(value, field.empty() ? key : field, where);
@@ -222,7 +222,8 @@ void set_intrinsics(Camera& camera, const Node& frame, const Node& file, ImageSi
   };
   const double wide = uncut("w", stated.width), high = uncut("h", stated.height);
   const auto fx = focal_length(frame, file, "camera_angle_x", "fl_x", wide);
-  if (!fx) fail(ErrorKind::data, "{}: neither 'camera_angle_x' nor 'fl_x' in frame or file", frame.where);
+  if (!fx)
+    fail(ErrorKind::data, "{}: neither the frame nor the file has 'camera_angle_x' or 'fl_x'", frame.where);
   const double fy = focal_length(frame, file, "camera_angle_y", "fl_y", high).value_or(*fx);
   const double scale_x = actual.width / wide, scale_y = actual.height / high;
   camera.width = actual.width;

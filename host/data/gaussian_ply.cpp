@@ -34,10 +34,10 @@ Names names_of(SpatialKernel kernel) {
 int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
-  splats.report.note(fmt::format(
-      "the spherical Beta lobes of the colours are dropped ({} values beside harmonics of degree {}; "
-      "known are 6 values each of 1 to 3 lobes beside degree 0)",
-      values, splats.sh_degree));
+  splats.report.note(
+      fmt::format("the spherical Beta lobes of the colours are dropped ({} values with harmonics of degree "
+                  "{}; supported are 1 to 3 lobes with 6 values each, and harmonics of degree 0)",
+                  values, splats.sh_degree));
   return 0;
 }
 
@@ -122,8 +122,8 @@ bool antialias_comment(std::span<const std::string> comments, LoadReport& report
     if (mode.empty()) continue;
     antialiased = mode == "mip" || mode == "antialiased";
     if (!antialiased && mode != "default" && mode != "classic" && mode != "2dgs")
-      report.note(
-          fmt::format("the comment '{}' is not used: this render mode is not known", comment.substr(0, 80)));
+      report.note(fmt::format("the comment '{}' is ignored, because its render mode is unknown",
+                              comment.substr(0, 80)));
   }
   if (antialiased) report.note("trained with antialiasing");
   return antialiased;
@@ -139,7 +139,7 @@ std::array<double, 3> offset_comment(std::span<const std::string> comments, cons
       while (at != end && *at == ' ') ++at;
       const auto result = std::from_chars(at, end, value);
       if (result.ec != std::errc() || !std::isfinite(value))
-        fail(ErrorKind::data, "{}: comment '{}' must hold three numbers", name, comment.substr(0, 80));
+        fail(ErrorKind::data, "{}: comment '{}' must contain three numbers", name, comment.substr(0, 80));
       at = result.ptr;
     }
     return offset;
@@ -168,7 +168,7 @@ ImportedSplats read_gaussian_ply(const fs::path& path) {
   // 2DGS files have discs with two scales. If other columns are missing too, the file is not a 2DGS file, and
   // the error message names the missing columns.
   const bool flat = !dbs && !header.find("scale_2") && header.find("scale_1") && header.find("rot_3");
-  if (flat) splats.report.note("no scale_2: these are flat splats, as 2D Gaussian Splatting has them");
+  if (flat) splats.report.note("the file has no scale_2: its splats are flat, as in 2D Gaussian Splatting");
   Columns columns(header, name);
   for (const char* property : {"x", "y", "z", "scale_0", "scale_1", flat ? "scale_1" : "scale_2", "rot_0",
                                "rot_1", "rot_2", "rot_3", "opacity"})

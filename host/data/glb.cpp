@@ -89,14 +89,15 @@ GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
   if (file.size() < 20 || in.read<std::uint32_t>() != kGlbMagic)
     fail(ErrorKind::data, "{}: not a binary glTF file", name);
   if (const auto version = in.read<std::uint32_t>(); version != 2)
-    fail(ErrorKind::data, "{}: glTF version {}: 2 is supported", name, version);
+    fail(ErrorKind::data, "{}: glTF version {} is not supported, only 2", name, version);
   in.skip(4);
   GlbFile glb;
   bool first = true;
   while (in.remaining() >= 8) {
     const auto size = in.read<std::uint32_t>(), kind = in.read<std::uint32_t>();
     const auto bytes = in.take(size);
-    if (first && kind != kJsonChunk) fail(ErrorKind::data, "{}: does not begin with its JSON", name);
+    if (first && kind != kJsonChunk)
+      fail(ErrorKind::data, "{}: the file does not start with its JSON chunk", name);
     if (first) glb.json = parse_json({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name);
     if (kind == kBinChunk && glb.bin.empty()) glb.bin = bytes;
     first = false;
@@ -121,7 +122,7 @@ Component component_of(int type, const std::string& name) {
     case kFloat:
       return {4, 1};
     default:
-      fail(ErrorKind::data, "{}: numbers of type {}", name, type);
+      fail(ErrorKind::data, "{}: numbers of type {} are not supported", name, type);
   }
 }
 
@@ -150,15 +151,15 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
   const Json& accessor = glb.json.at("accessors").at(index);
   if (accessor.contains("sparse")) fail(ErrorKind::data, "{}: sparse accessors are not supported", name);
   if (accessor.at("count").get<std::size_t>() != count)
-    fail(ErrorKind::data, "{}: accessor {} has another number of splats than the first", name, index);
+    fail(ErrorKind::data, "{}: accessor {} has a different number of splats than the first", name, index);
   const char* const type = width == 1 ? "SCALAR" : width == 3 ? "VEC3" : "VEC4";
   if (accessor.at("type").get<std::string>() != type)
-    fail(ErrorKind::data, "{}: accessor {} is no {}", name, index, type);
+    fail(ErrorKind::data, "{}: accessor {} is not of the type {}", name, index, type);
   const int kind = accessor.at("componentType").get<int>();
   const Component component = component_of(kind, name);
   const Json& view = glb.json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
   if (view.at("buffer").get<std::size_t>() != 0 || glb.json.at("buffers").at(0).contains("uri"))
-    fail(ErrorKind::data, "{}: numbers in another file are not supported", name);
+    fail(ErrorKind::data, "{}: values in a separate file are not supported", name);
   const std::size_t stride = view.value("byteStride", width * component.bytes);
   const std::size_t inside = accessor.value("byteOffset", std::size_t{0});
   const std::size_t begin = view.value("byteOffset", std::size_t{0}),
@@ -167,7 +168,7 @@ std::vector<float> read_accessor(const GlbFile& glb, std::size_t index, std::siz
       stride < width * component.bytes || stride > 252 ||
       (count > 0 && (size - inside < width * component.bytes ||
                      (size - inside - width * component.bytes) / stride < count - 1)))
-    fail(ErrorKind::data, "{}: accessor {} reaches beyond the file", name, index);
+    fail(ErrorKind::data, "{}: accessor {} extends beyond the end of the file", name, index);
   const bool normalised = accessor.value("normalized", false);
   std::vector<float> values;
   values.reserve(count * width);
@@ -190,13 +191,14 @@ std::vector<float> log_scales_of(std::vector<float> scales, const std::string& w
   const auto negative =
       static_cast<std::size_t>(std::ranges::count_if(scales, [](float v) { return v < 0; }));
   if (2 * negative > scales.size()) {
-    report.note(fmt::format("{}: scales from {} are taken as logarithms: the extension has linear ones",
-                            where, range_text(scales)));
+    report.note(fmt::format(
+        "{}: scales from {} are interpreted as logarithms, although the extension defines linear scales",
+        where, range_text(scales)));
     return scales;
   }
   if (negative > 0)
     fail(ErrorKind::data,
-         "{}: scales from {}: neither linear ones, as the extension has them, nor logarithms", where,
+         "{}: scales from {} are neither linear, as the extension defines them, nor logarithms", where,
          range_text(scales));
   for (float& v : scales) v = std::log(v);
   return scales;
@@ -205,7 +207,8 @@ std::vector<float> log_scales_of(std::vector<float> scales, const std::string& w
 void check_opacities(std::span<const float> opacities, const std::string& where) {
   constexpr float kRounding = 1e-5f;
   if (std::ranges::any_of(opacities, [](float v) { return v < -kRounding || v > 1 + kRounding; }))
-    fail(ErrorKind::data, "{}: opacities from {}: the extension has 0 to 1 (are these logits?)", where,
+    fail(ErrorKind::data,
+         "{}: opacities from {} are outside of 0 to 1, the range of the extension (are these logits?)", where,
          range_text(opacities));
 }
 
@@ -231,8 +234,8 @@ ImportedSplats read_primitive(const GlbFile& glb, const Json& primitive, std::si
   const std::size_t positions = attributes.at("POSITION").get<std::size_t>();
   const std::size_t count = glb.json.at("accessors").at(positions).at("count").get<std::size_t>();
   if (const std::size_t most = glb.bin.size() / kLeastSplatBytes; count > most || before > most - count)
-    fail(ErrorKind::data, "{}: {} splats, behind {} of other primitives, do not fit into the file", name,
-         count, before);
+    fail(ErrorKind::data, "{}: {} splats, in addition to {} of other primitives, do not fit into the file",
+         name, count, before);
   const auto get = [&](const std::string& key, std::size_t width) {
     if (!attributes.contains(key)) fail(ErrorKind::data, "{}: the attribute {} is missing", name, key);
     return read_accessor(glb, attributes.at(key).get<std::size_t>(), width, count, name);
@@ -280,7 +283,7 @@ void require_neutral(const char* key, const std::array<double, N>& values,
                      const std::array<double, N>& neutral, const std::string& name) {
   for (std::size_t k = 0; k < N; ++k)
     if (std::abs(values[k] - neutral[k]) > kNodeRounding)
-      fail(ErrorKind::data, "{}: a node with a {}: only translations are supported", name, key);
+      fail(ErrorKind::data, "{}: a node has a {}, but only translations are supported", name, key);
 }
 
 // Returns the translation of a node. Throws Error(data) if the node rotates or scales. Exporters write
@@ -304,14 +307,14 @@ std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const st
   for (std::size_t n = 0; n < nodes.size(); ++n) {
     if (nodes[n].contains("mesh") && nodes[n]["mesh"].get<std::size_t>() == mesh) {
       if (at < nodes.size())
-        fail(ErrorKind::data, "{}: two nodes draw mesh {}: one is supported", name, mesh);
+        fail(ErrorKind::data, "{}: two nodes refer to mesh {}, but only one is supported", name, mesh);
       at = n;
     }
     if (nodes[n].contains("children"))
       for (const Json& child : nodes[n]["children"]) parent.at(child.get<std::size_t>()) = n;
   }
   for (std::size_t steps = 0; at < nodes.size(); at = parent[at]) {
-    if (++steps > nodes.size()) fail(ErrorKind::data, "{}: the nodes of the scene go round in circles", name);
+    if (++steps > nodes.size()) fail(ErrorKind::data, "{}: the nodes of the scene form a cycle", name);
     const auto by = place_of_node(nodes[at], name);
     for (std::size_t k = 0; k < 3; ++k) place[k] += k == 0 ? by[k] : -by[k];
   }
@@ -323,9 +326,9 @@ std::array<double, 3> place_of_mesh(const Json& json, std::size_t mesh, const st
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats) {
   const std::size_t n = splats.count(), coefficients = splats.coefficients();
   const int degree = std::min(splats.sh_degree, 3);
-  if (n == 0) fail(ErrorKind::data, "{}: glTF has no place for a model without splats", path.string());
+  if (n == 0) fail(ErrorKind::data, "{}: a glTF file needs at least one splat", path.string());
   if (n > 0xf0000000u / (4 * (11 + 3 * static_cast<std::size_t>((degree + 1) * (degree + 1)))))
-    fail(ErrorKind::data, "{}: {} splats are more than the 4 GB of a glTF file hold", path.string(), n);
+    fail(ErrorKind::data, "{}: {} splats do not fit into the 4 GB of a glTF file", path.string(), n);
   GlbWriter out;
   Json attributes{{"POSITION", out.add(
                                    n, 3,
@@ -381,13 +384,13 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
         const Json& extension = primitive["extensions"][kSplatting];
         if (const auto kernel = extension.value("kernel", "ellipse");
             kernel != "ellipse" || extension.contains("extensions"))
-          fail(ErrorKind::data, "{}: kernel '{}' with further extensions: plain ellipses are supported", name,
-               kernel);
+          fail(ErrorKind::data, "{}: kernel '{}' and its extensions are not supported, only plain ellipses",
+               name, kernel);
         if (const auto space = extension.value("colorSpace", ""); space.starts_with("lin")) linear = space;
         ImportedSplats part = read_primitive(glb, primitive, splats ? splats->count() : 0, name);
         part.offset = place_of_mesh(glb.json, m, name);
         if (splats && splats->offset != part.offset)
-          fail(ErrorKind::data, "{}: primitives of different places are not supported", name);
+          fail(ErrorKind::data, "{}: primitives with different translations are not supported", name);
         if (splats)
           append(*splats, part);
         else
@@ -395,20 +398,20 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
       }
     animated = glb.json.contains("animations") && !glb.json["animations"].empty();
   } catch (const nlohmann::json::exception& error) {
-    fail(ErrorKind::data, "{}: the JSON does not fit: {}", name, error.what());
+    fail(ErrorKind::data, "{}: the JSON does not match the format: {}", name, error.what());
   } catch (const std::out_of_range&) {
-    fail(ErrorKind::data, "{}: the JSON names what does not exist", name);
+    fail(ErrorKind::data, "{}: the JSON refers to an object that does not exist", name);
   }
   if (!splats)
-    fail(ErrorKind::data, "{}: a glTF file of {} primitives, none with splats ({})", name, without,
+    fail(ErrorKind::data, "{}: this glTF file has {} primitives, but none with splats ({})", name, without,
          kSplatting);
   if (without > 0) splats->report.note(fmt::format("{} primitives without splats are not used", without));
-  if (animated) splats->report.note("animations are not used: the splats stand still");
+  if (animated) splats->report.note("animations are ignored: the splats do not move");
   splats->report.layout = "glTF";
   splats->report.folder = name;
   if (!linear.empty())
     splats->report.note(
-        fmt::format("colours in linear light ({}) are taken as they stand: they come out too dark", linear));
+        fmt::format("colours in linear light ({}) are not converted and will look too dark", linear));
   clean(*splats);
   return std::move(*splats);
 }

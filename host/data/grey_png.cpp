@@ -16,7 +16,8 @@ namespace {
 void check(std::span<const float> pixels, int width, int height, const std::filesystem::path& path) {
   if (width < 1 || height < 1 ||
       pixels.size() != static_cast<std::size_t>(width) * static_cast<std::size_t>(height))
-    fail(ErrorKind::internal, "{}: {}x{} image from {} samples", path.string(), width, height, pixels.size());
+    fail(ErrorKind::internal, "{}: an image of {}x{} pixels cannot be made of {} samples", path.string(),
+         width, height, pixels.size());
   const auto bad = std::ranges::find_if(pixels, [](float v) { return !std::isfinite(v); });
   if (bad != pixels.end())
     fail(ErrorKind::numerical, "{}: not written: pixel {} is {}", path.string(), bad - pixels.begin(), *bad);

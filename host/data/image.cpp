@@ -19,7 +19,8 @@ std::uint8_t quantise(float value, std::size_t index) {
 
 void check_samples(std::size_t found, int width, int height, int channels) {
   if (width < 1 || height < 1 || found != sample_count(width, height, channels))
-    fail(ErrorKind::internal, "image {}x{} with {} channels from {} samples", width, height, channels, found);
+    fail(ErrorKind::internal, "an image of {}x{} pixels with {} channels cannot be made of {} samples", width,
+         height, channels, found);
 }
 
 }  // namespace
@@ -31,8 +32,8 @@ int downscaled(int size, int factor) {
 
 void set_mask(Image8& image, const Image8& mask) {
   if (mask.rgb.size() != image.rgb.size())
-    fail(ErrorKind::internal, "mask of {}x{}, image of {}x{}", mask.width, mask.height, image.width,
-         image.height);
+    fail(ErrorKind::internal, "the mask has {}x{} pixels, but the image has {}x{}", mask.width, mask.height,
+         image.width, image.height);
   image.mask.resize(mask.rgb.size() / 3);
   for (std::size_t i = 0; i < image.mask.size(); ++i) image.mask[i] = mask.rgb[3 * i] >= 128 ? 255 : 0;
 }

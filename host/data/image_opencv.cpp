@@ -141,7 +141,7 @@ Image8 load_mask_image(const std::filesystem::path& path, const Image8& image) {
   // A mask of the same aspect ratio is accepted: it may have been made for the full-size images.
   const double across = static_cast<double>(mask.cols) / image.width;
   if (std::abs(across - static_cast<double>(mask.rows) / image.height) > 0.01 * across)
-    fail(ErrorKind::data, "{}: the mask has {}x{} pixels, its image {}x{}", path.string(), mask.cols,
+    fail(ErrorKind::data, "{}: the mask has {}x{} pixels, but its image has {}x{}", path.string(), mask.cols,
          mask.rows, image.width, image.height);
   // If alpha is 255 everywhere, use the colours. Use the brightest channel, because only black pixels are
   // masked.

@@ -31,7 +31,7 @@ class FileSource : public ImageSource {
     if (image_.undistortion) {
       const Lens& lens = image_.undistortion->lens;
       if (pixels.width != lens.width || pixels.height != lens.height)
-        fail(ErrorKind::data, "{}: {}x{} pixels, but {}x{} when the data set was opened",
+        fail(ErrorKind::data, "{}: the image has {}x{} pixels, but had {}x{} when the data set was opened",
              image_.path.string(), pixels.width, pixels.height, lens.width, lens.height);
       pixels = undistort(pixels, *image_.undistortion);
     }

@@ -20,8 +20,8 @@ namespace {
 
 [[noreturn]] void without_opencv(const std::string& what) {
   fail(ErrorKind::usage,
-       "{}: this program was built without OpenCV and reads packed data sets only; make one with "
-       "'ubs pack' of a complete build",
+       "{}: this program was built without OpenCV and reads only packed data sets: create one with 'ubs "
+       "pack' of a complete build",
        what);
 }
 

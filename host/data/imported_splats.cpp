@@ -25,7 +25,7 @@ bool finite(const Array& values) {
 const char* fault(const ImportedSplats& s, std::size_t i) {
   if (!finite(s.positions[i])) return "position not finite";
   if (!std::ranges::all_of(s.log_scales[i], [](float v) { return v < kMaxLogScale; }))  // also false for NaN
-    return "scale not finite or absurd";
+    return "scale not finite or out of range";
   float norm = 0;
   for (const float q : s.rotations[i]) norm += q * q;
   if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is no quaternion";
@@ -33,8 +33,9 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
   const auto tame = [i](const std::vector<float>& all, std::size_t n) {
     return std::ranges::all_of(std::span(all).subspan(i * n, n), [](float v) { return std::abs(v) < 1e6f; });
   };
-  if (!tame(s.sh, 3 * s.coefficients()) || !tame(s.sb, s.lobe_values())) return "colour not finite or absurd";
-  if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or absurd";
+  if (!tame(s.sh, 3 * s.coefficients()) || !tame(s.sb, s.lobe_values()))
+    return "colour not finite or out of range";
+  if (!s.betas.empty() && !(std::abs(s.betas[i]) < 20)) return "beta not finite or out of range";
   return nullptr;
 }
 

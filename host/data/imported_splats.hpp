@@ -61,7 +61,7 @@ ImportedSplats part_of(const ImportedSplats& splats, std::size_t first, std::siz
 void place(ImportedSplats& splats, const std::array<std::vector<double>, 3>& coordinates);
 
 // Normalises the quaternions, clamps the opacities, and raises vanishing scales to kFlatLogScale, which makes
-// these splats discs. Drops splats that no renderer could show (non-finite values, zero quaternions, absurd
+// these splats discs. Drops splats that no renderer could show (non-finite values, zero quaternions, extreme
 // scales) and counts them in the report.
 void clean(ImportedSplats& splats);
 

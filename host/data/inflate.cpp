@@ -30,7 +30,8 @@ void feed(z_stream& stream, std::span<const std::byte>& rest) {
 struct Inflater {
   z_stream stream{};
   Inflater(int window, const std::string& name) {
-    if (inflateInit2(&stream, window) != Z_OK) fail(ErrorKind::memory, "{}: zlib does not start", name);
+    if (inflateInit2(&stream, window) != Z_OK)
+      fail(ErrorKind::memory, "{}: zlib cannot be initialised", name);
   }
   ~Inflater() { inflateEnd(&stream); }
   Inflater(const Inflater&) = delete;
@@ -47,7 +48,7 @@ std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::si
     const std::size_t used = plain.size();
     if (used >= limit && start_only) return plain;
     if (used >= limit)
-      fail(ErrorKind::data, "{}: holds more than the {} bytes its header allows", name, limit);
+      fail(ErrorKind::data, "{}: contains more than the {} bytes that its header allows", name, limit);
     plain.resize(std::min(limit, used + kBlock));
     feed(stream, packed);
     stream.next_out = reinterpret_cast<Bytef*>(plain.data() + used);
@@ -55,7 +56,7 @@ std::vector<std::byte> inflate_window(std::span<const std::byte> packed, std::si
     const int result = inflate(&stream, Z_NO_FLUSH);
     plain.resize(plain.size() - stream.avail_out);
     if (const std::size_t behind = stream.avail_in + packed.size(); result == Z_STREAM_END && behind > 0)
-      fail(ErrorKind::data, "{}: {} bytes behind the end of the gzip data", name, behind);
+      fail(ErrorKind::data, "{}: {} bytes follow the end of the gzip data", name, behind);
     if (result == Z_STREAM_END) return plain;
     if (result != Z_OK) fail(ErrorKind::data, "{}: damaged or truncated gzip data", name);
   }
@@ -65,7 +66,7 @@ std::vector<std::byte> deflate_window(std::span<const std::byte> plain, int leve
                                       int strategy) {
   z_stream stream{};
   if (deflateInit2(&stream, level, Z_DEFLATED, window, memory, strategy) != Z_OK)
-    fail(ErrorKind::memory, "zlib does not start");
+    fail(ErrorKind::memory, "zlib cannot be initialised");
   std::vector<std::byte> packed;
   int result = Z_OK;
   while (result == Z_OK) {
@@ -78,7 +79,7 @@ std::vector<std::byte> deflate_window(std::span<const std::byte> plain, int leve
     packed.resize(packed.size() - stream.avail_out);
   }
   deflateEnd(&stream);
-  if (result != Z_STREAM_END) fail(ErrorKind::internal, "zlib does not compress {} bytes", stream.total_in);
+  if (result != Z_STREAM_END) fail(ErrorKind::internal, "zlib cannot compress {} bytes", stream.total_in);
   return packed;
 }
 
@@ -113,7 +114,7 @@ std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size
   // contents.
   const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
-    fail(ErrorKind::data, "{}: a Zstandard stream is damaged or has another size than the table says", name);
+    fail(ErrorKind::data, "{}: a Zstandard stream is damaged, or its size differs from the table", name);
   std::vector<std::byte> plain(size);
   const std::size_t result = ZSTD_decompress(plain.data(), plain.size(), packed.data(), packed.size());
   if (ZSTD_isError(result) || result != size)

@@ -26,9 +26,9 @@ bool is_jpeg(std::span<const std::byte> file) {
 
 cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
-  if (decoder == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
+  if (decoder == nullptr) fail(ErrorKind::memory, "{}: not enough memory to decode the image", name);
   const auto damaged = [&](const std::string& what) {
-    fail(ErrorKind::data, "{}: damaged or cut off JPEG: {}", name, what);
+    fail(ErrorKind::data, "{}: damaged or truncated JPEG: {}", name, what);
   };
   const auto* bytes = reinterpret_cast<const unsigned char*>(file.data());
   int width = 0, height = 0, subsampling = 0, colours = 0;
@@ -41,7 +41,7 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
   if (count / kMaxJpegPixelsPerByte > file.size())
     damaged(fmt::format("{} x {} pixels in {} bytes", width, height, file.size()));
   if (count > kMaxDecodedPixels)
-    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, width, height,
+    fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
          kMaxDecodedPixels);
   const bool grey = colours == TJCS_GRAY, cmyk = colours == TJCS_CMYK || colours == TJCS_YCCK;
   cv::Mat pixels(height, width, CV_8UC(grey ? 1 : cmyk ? 4 : 3));

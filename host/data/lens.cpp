@@ -293,7 +293,8 @@ bool Lens::set(std::string_view parameter, double value) {
 void check_lens(const Lens& lens, const std::string& where) {
   if (!(lens.fx > 0 && lens.fy > 0)) fail(ErrorKind::data, "{}: the focal length must be positive", where);
   if (lens.formula == &kEucm && !(lens.k[0] >= 0 && lens.k[0] <= 1 && lens.k[1] > 0))
-    fail(ErrorKind::data, "{}: EUCM with alpha = {} and beta = {}: alpha must be from 0 to 1, beta positive",
+    fail(ErrorKind::data,
+         "{}: EUCM with alpha = {} and beta = {}: alpha must be from 0 to 1, and beta must be positive",
          where, lens.k[0], lens.k[1]);
 }
 

@@ -45,7 +45,8 @@ Row parse_row(const double* row, const std::string& where) {
   camera.translation = -1.0 * rotated(camera.rotation, {row[3], row[8], row[13]});
   const double height = row[4], width = row[9], focal = row[14];
   if (!(height >= 1 && width >= 1 && height < 65536 && width < 65536 && focal > 0))
-    fail(ErrorKind::data, "{}: absurd image size {}x{} or focal length {}", where, width, height, focal);
+    fail(ErrorKind::data, "{}: image size {}x{} or focal length {} is not valid", where, width, height,
+         focal);
   result.lens.fx = result.lens.fy = focal;
   result.lens.width = static_cast<int>(width);
   result.lens.height = static_cast<int>(height);
@@ -60,7 +61,7 @@ Row parse_row(const double* row, const std::string& where) {
 std::vector<Row> read_rows(const fs::path& path) {
   const NpyArray64 array = read_npy_double(path);
   if (array.shape.size() != 2 || array.shape[1] != 17 || array.shape[0] == 0)
-    fail(ErrorKind::data, "{}: the shape is ({}), expected (images, 17)", path.string(),
+    fail(ErrorKind::data, "{}: the shape is ({}), but must be (images, 17)", path.string(),
          fmt::join(array.shape, ", "));
   std::vector<Row> rows;
   for (std::size_t i = 0; i < array.shape[0]; ++i)
@@ -107,10 +108,10 @@ std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const Datas
        f += std::max(1, options.read.frames.step))
     frames.push_back(f);
   if (frames.empty())
-    fail(ErrorKind::data, "{}: no frame is left: there are {}, the first wanted is {}", least->path.string(),
-         available, options.read.frames.first);
+    fail(ErrorKind::data, "{}: no frame is selected: there are {} frames, and the first selected one is {}",
+         least->path.string(), available, options.read.frames.first);
   if (available < wanted)
-    report.note(fmt::format("{} has {} frames, {} has {}: frames from {} on are left out",
+    report.note(fmt::format("{} has {} frames, but {} has {}: frames from {} on are not used",
                             least->path.filename().string(), available, most->path.filename().string(),
                             most->frames(), available));
   return frames;
@@ -199,7 +200,8 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
   if (cameras.size() != rows.size())
     fail(ErrorKind::data, "{}: {} cameras, but poses_bounds.npy has {} rows", folder.string(), cameras.size(),
          rows.size());
-  if (rows.size() < 2) fail(ErrorKind::data, "{}: a single camera leaves nothing to train", folder.string());
+  if (rows.size() < 2)
+    fail(ErrorKind::data, "{}: with a single camera, no views remain for training", folder.string());
   std::vector<Sequence> sequences;
   for (std::size_t i = 0; i < rows.size(); ++i)
     if (videos)
@@ -217,7 +219,7 @@ LoadedScene load_dynamic(const fs::path& folder, const std::vector<fs::path>& ca
       add_frame_files(views, sequences[i], frames, rows[i], root, options, scene.report);
     if (i > 0) scene.depth_bounds.insert(scene.depth_bounds.end(), frames.size(), rows[i].bounds);
   }
-  scene.report.note(fmt::format("{} cameras over time; the first ({}) is the test split", rows.size(),
+  scene.report.note(fmt::format("{} cameras with video; the first ({}) is the test split", rows.size(),
                                 cameras[0].filename().string()));
   return scene;
 }
@@ -251,7 +253,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   files.report(scene.report);
   if (ignored > 0)
     scene.report.note(
-        fmt::format("{} videos beside {} rows of poses_bounds.npy: not used", ignored, rows.size()));
+        fmt::format("{} videos are not used, because poses_bounds.npy has {} rows", ignored, rows.size()));
   for (const char* name : {"points3d.ply", "points3D.ply"})
     if (!scene.points && path_exists(folder / name)) take_points(root.check(folder / name), scene);
   return scene;

@@ -134,8 +134,8 @@ void take_points(const fs::path& file, LoadedScene& scene) {
   const std::string name = file.filename().string();
   if (is_random_filling(points)) {
     scene.report.note_difference(
-        fmt::format("{}: {} uniformly random points, as 3DGS code writes them where the data have none: "
-                    "not used",
+        fmt::format("{}: not used, because its {} points are uniformly random, like those that 3DGS code "
+                    "writes for data without points",
                     name, points.positions.size()));
     return;
   }
@@ -228,7 +228,7 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
         std::pair{"--test-every", options.read.test_every != usual.read.test_every},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
     if (given && used.find(option) == std::string_view::npos)
-      fail(ErrorKind::usage, "the layout {} has no use for {}: leave it out", layout, option);
+      fail(ErrorKind::usage, "the layout {} does not use {}: remove it", layout, option);
 }
 
 namespace {
@@ -269,7 +269,7 @@ const Layout& layout_named(std::string_view name) {
     if (layout.name == name) return layout;
   std::vector<std::string_view> names{"auto"};
   for (const Layout& layout : kLayouts) names.push_back(layout.name);
-  fail(ErrorKind::usage, "layout '{}' is not known: {}", name, fmt::join(names, ", "));
+  fail(ErrorKind::usage, "unknown layout '{}': choose one of {}", name, fmt::join(names, ", "));
 }
 
 // Throws an error that names the JSON files with frames in the folder, such as transforms_colmap.json.
@@ -281,7 +281,7 @@ void name_transforms_files(const fs::path& folder) {
         read_text_file(file).find("\"frames\"") != std::string::npos)
       names.push_back(file.filename().string());
   if (names.empty()) return;
-  fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames of cameras: give the file itself: {}",
+  fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames with cameras: pass the file itself: {}",
        folder.string(), fmt::join(names, ", "), names.size() == 1 ? "has" : "have",
        shell_word((folder / names.front()).string()));
 }
@@ -290,8 +290,8 @@ void name_transforms_files(const fs::path& folder) {
 void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
   for (const Layout& layout : kLayouts)
     if (&layout != &used && layout.recognise(path))
-      report.note(fmt::format("the folder also has {}: not used (--layout {} would read it instead)",
-                              layout.has, layout.name));
+      report.note(fmt::format("the folder also has {}: not used (to use it instead: --layout {})", layout.has,
+                              layout.name));
 }
 
 }  // namespace
@@ -309,7 +309,7 @@ std::string detect_layout(const fs::path& path) {
   name_transforms_files(path);
   for (const fs::path& folder : {path, path / "images"})
     if (const std::size_t count = pictures_in(folder).size(); count > 1)
-      fail(ErrorKind::data, "{}: {} pictures and no cameras; COLMAP can find them: ubs cameras {}",
+      fail(ErrorKind::data, "{}: {} images but no cameras: find them with COLMAP: ubs cameras {}",
            path.string(), count, shell_word(path.string()));
   if (const std::string hint = how_to_make_images(path); !hint.empty())
     fail(ErrorKind::data, "{}: {}, then find their cameras with 'ubs cameras {}'", path.string(), hint,
@@ -354,8 +354,9 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
                                 : pixels == results.begin()->first ? text + ", the smallest"
                                                                    : text + ", the largest");
   if (data.report.wide_images > 0)
-    data.report.note_difference(fmt::format("{} wide images became {} pinhole views of at most 90 degrees",
-                                            data.report.wide_images, data.report.wide_views));
+    data.report.note_difference(
+        fmt::format("{} wide images were split into {} pinhole views of at most 90 degrees",
+                    data.report.wide_images, data.report.wide_views));
   data.report.layout = layout.name;
   data.report.folder = path.string();
   const auto train = std::ranges::find(data.splits, "train", &Split::name);
@@ -387,7 +388,7 @@ void decode_images(Dataset& data, const DatasetOptions& options) {
     }
   const std::size_t cache = static_cast<std::size_t>(options.read.image_cache_mb) << 20;
   if (bytes > cache) {
-    data.report.note(fmt::format("{} images need {} MB, the cache has {} MB: decoded on demand",
+    data.report.note(fmt::format("{} images need {} MB, but the cache has {} MB: they are decoded on demand",
                                  pending.size(), bytes >> 20, options.read.image_cache_mb));
     return;
   }

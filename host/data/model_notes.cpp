@@ -29,7 +29,7 @@ std::vector<double> numbers(const std::string& comment, std::string_view words, 
     if (values.empty()) break;
   }
   if (values.size() != count)
-    fail(ErrorKind::data, "{}: comment '{}' must hold {} numbers", name, comment.substr(0, 80), count);
+    fail(ErrorKind::data, "{}: comment '{}' must contain {} numbers", name, comment.substr(0, 80), count);
   return values;
 }
 
@@ -44,7 +44,8 @@ void take_settings(const std::string& comment, ModelNotes& notes, const std::str
   for (std::string word; stream >> word;) {
     const std::size_t equals = word.find('=');
     if (equals == std::string::npos)
-      fail(ErrorKind::data, "{}: comment '{}' must hold settings key=value", name, comment.substr(0, 80));
+      fail(ErrorKind::data, "{}: comment '{}' must contain settings of the form key=value", name,
+           comment.substr(0, 80));
     if (std::string key = word.substr(0, equals); is_of_drawing(key))
       notes.drawing.emplace_back(std::move(key), word.substr(equals + 1));
   }
@@ -66,7 +67,7 @@ Camera lens_of(const std::vector<double>& v, const std::string& where) {
 
 Camera camera_of(const std::vector<double>& v, Camera camera, const std::string& where) {
   const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]);
-  if (!(length > 0.5 && length < 2)) fail(ErrorKind::data, "{}: has no rotation", where);
+  if (!(length > 0.5 && length < 2)) fail(ErrorKind::data, "{}: the matrix is not a rotation", where);
   camera.rotation = matrix({v[0] / length, v[1] / length, v[2] / length, v[3] / length});
   camera.translation = -1.0 * rotated(camera.rotation, {v[4], v[5], v[6]});
   camera.time = v[7];

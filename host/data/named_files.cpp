@@ -242,11 +242,11 @@ std::string NamedFiles::missing(const fs::path& stated_base, const std::string& 
   const fs::path base = stated_base.empty() ? fs::path(".") : stated_base;
   const fs::path top = is_below(base.lexically_normal(), folder_) ? folder_ : base.lexically_normal();
   const NameIndex& index = listing(top).index;
-  std::string text = fmt::format("'{}' is not there (looked for in {}, then by the end of its path below {})",
+  std::string text = fmt::format("'{}' does not exist (searched in {}, then by the end of its path below {})",
                                  name, base.string(), top.string());
   if (const std::size_t alike = index.count_alike(name); alike > 1)
     return text +
-           fmt::format("; {} files have this name and none of them fits better than the others", alike);
+           fmt::format("; {} files have this name, and none of them matches better than the others", alike);
   const std::string nearest = index.nearest(name);
   return text + (nearest.empty() ? "; no file there has a similar name"
                                  : fmt::format("; the nearest name there is '{}'", nearest));
@@ -254,8 +254,8 @@ std::string NamedFiles::missing(const fs::path& stated_base, const std::string& 
 
 void NamedFiles::report(LoadReport& report) {
   for (const auto& [kind, others] : others_)
-    report.note_difference(fmt::format("{} {} found by another than the exact name, the first {}",
-                                       others.count, kKindNames[static_cast<int>(kind)], others.example));
+    report.note_difference(fmt::format("{} {} found under slightly different names, such as {}", others.count,
+                                       kKindNames[static_cast<int>(kind)], others.example));
   const auto note_unused = [&](const std::vector<fs::path>& files, const std::string& why) {
     std::size_t unused = 0;
     std::string first;
@@ -270,7 +270,7 @@ void NamedFiles::report(LoadReport& report) {
   };
   for (const std::string& folder : image_folders_)
     if (is_folder(folder))
-      note_unused(pictures_in(folder), fmt::format("pictures in '{}' belong to no camera", shown(folder)));
+      note_unused(pictures_in(folder), fmt::format("images in '{}' belong to no camera", shown(folder)));
   if (!is_folder(folder_)) return;
   for (const fs::path& entry : folder_entries(folder_))
     if (is_mask_folder(folded_name(entry.filename().string())) && is_folder(entry))

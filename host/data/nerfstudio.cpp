@@ -70,7 +70,7 @@ Lens read_lens(const Node& frame, const Node& file, ImageSize size) {
   for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
     if (const double value = lookup(frame, file, key).value_or(0.0);
         value != 0 && std::ranges::find(names, key) == names.end())
-      fail(ErrorKind::data, "{}: '{}' = {} has no agreed meaning for {}: undistort the images first",
+      fail(ErrorKind::data, "{}: '{}' = {} is not defined consistently for {}: undistort the images first",
            frame.where, key, value, model.name);
   check_lens(lens, frame.where);
   return lens;
@@ -103,11 +103,11 @@ std::optional<std::set<std::string>> name_list(const Node& file, const char* key
       names.insert(index.path(match->number));
       ++others;
     } else {
-      report.skip(path, fmt::format("named by '{}', but no frame with an image has this name", key));
+      report.skip(path, fmt::format("listed in '{}', but no frame with an image has this name", key));
     }
   }
   if (others > 0)
-    report.note_difference(fmt::format("{} names of '{}' found by another than the exact name", others, key));
+    report.note_difference(fmt::format("{} names of '{}' match a file only approximately", others, key));
   return names;
 }
 
@@ -131,7 +131,8 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
     for (const NamedView& n : named)
       if (!listed(n)) rest.insert(n.file_path);
     lists[0].second = std::move(rest);
-    report.note("no train_filenames in the file: what its other lists leave is learnt from");
+    report.note(
+        "the file has no train_filenames: all images that are not in its other lists are used for training");
   }
   std::vector<Split> splits;
   for (const auto& [split, names] : lists) {
@@ -143,7 +144,7 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
   }
   for (const NamedView& n : named)
     if (!listed(n)) report.skip(n.file_path, "in none of the lists of file names");
-  report.note("splits as listed in the file");
+  report.note("using the splits that are listed in the file");
   return splits;
 }
 
@@ -232,7 +233,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
     double& time = named[i].view.camera.time;
     time = high > low ? (time - low) / (high - low) : 0.0;
   }
-  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels do not count", masks));
+  if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels are ignored", masks));
   if (file.has("ply_file_path")) {
     const std::string name = file.text("ply_file_path");
     const fs::path points = files.find(folder, {{name, file.where}}, NamedFiles::Kind::points).front();

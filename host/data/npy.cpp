@@ -47,7 +47,7 @@ std::string header_value(const std::string& header, const std::string& key, cons
   const std::string start = "'" + key + "': " + open;
   const auto first = header.find(start);
   const auto last = first == std::string::npos ? first : header.find(close, first + start.size());
-  if (last == std::string::npos) fail(ErrorKind::data, "{}: malformed .npy header: no {}", name, key);
+  if (last == std::string::npos) fail(ErrorKind::data, "{}: malformed .npy header: {} is missing", name, key);
   return header.substr(first + start.size(), last - first - start.size());
 }
 
@@ -61,7 +61,7 @@ std::vector<std::size_t> parse_shape(const std::string& text, const std::string&
     }
     std::size_t extent = 0;
     const auto result = std::from_chars(at, end, extent);
-    if (result.ec != std::errc()) fail(ErrorKind::data, "{}: absurd extent in shape ({})", name, text);
+    if (result.ec != std::errc()) fail(ErrorKind::data, "{}: invalid extent in shape ({})", name, text);
     shape.push_back(extent);
     at = result.ptr;
   }
@@ -115,7 +115,7 @@ NpyArray read_npy(const std::filesystem::path& path) {
   for (std::size_t i = 0; i < wide.values.size(); ++i) {
     array.values[i] = static_cast<float>(wide.values[i]);
     if (std::isfinite(wide.values[i]) && !std::isfinite(array.values[i]))
-      fail(ErrorKind::data, "{}: value {} is {:g}: beyond float32", path.string(), i, wide.values[i]);
+      fail(ErrorKind::data, "{}: value {} is {:g}, which exceeds float32", path.string(), i, wide.values[i]);
   }
   return array;
 }

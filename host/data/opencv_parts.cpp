@@ -35,7 +35,7 @@ const OpencvParts& load() {
     tried += fmt::format("; {}", dlerror());
   }
   fail(ErrorKind::data,
-       "{}: OpenCV's codecs and videos are in this file, which belongs beside the library, or into "
+       "{}: this file contains OpenCV's codecs for images and videos: put it next to the library, or into "
        "lib or ../lib of the program's folder{}",
        kModule, tried);
 }

@@ -83,8 +83,8 @@ Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   if (!view.part_of.empty()) json["part_of"] = view.part_of;
   if (image.rgb.empty()) return json;
   if (image.width != view.camera.width || image.height != view.camera.height)
-    fail(ErrorKind::internal, "view '{}': camera of {}x{}, image of {}x{}", view.name, view.camera.width,
-         view.camera.height, image.width, image.height);
+    fail(ErrorKind::internal, "view '{}': the camera has {}x{} pixels, but the image has {}x{}", view.name,
+         view.camera.width, view.camera.height, image.width, image.height);
   json["image"] = blocks.add(std::as_bytes(std::span(image.rgb)));
   if (view.opaque) json["opaque"] = true;
   if (!image.mask.empty()) json["mask"] = blocks.add(std::as_bytes(std::span(image.mask)));
@@ -125,8 +125,9 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
       const View& view = data.splits[s].views[v];
       const Image8 image = view.load_image();
       if (view_json(view, image, written) != header["splits"][s]["views"][v])
-        fail(ErrorKind::data, "{}: not written: the image of view '{}' changed meanwhile", path.string(),
-             view.name);
+        fail(ErrorKind::data,
+             "{}: not written: the image of view '{}' changed while the data set was being packed",
+             path.string(), view.name);
       file.write(std::as_bytes(std::span(image.rgb)));
       file.write(std::as_bytes(std::span(image.mask)));
     }
@@ -149,10 +150,10 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
     fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
   if (preamble.version < kVersionUnmasked || preamble.version > kPackedVersion)
     fail(ErrorKind::data,
-         "{}: version {} of the format; this program reads versions {} to {}: pack the data again",
+         "{}: the format has version {}, but this program reads versions {} to {}: pack the data again",
          path_.string(), preamble.version, kVersionUnmasked, kPackedVersion);
   if (preamble.header_bytes > size - sizeof preamble)
-    fail(ErrorKind::data, "{}: cut off in the header", path_.string());
+    fail(ErrorKind::data, "{}: the header is truncated", path_.string());
   std::string header(preamble.header_bytes, '\0');
   stream.read(header.data(), static_cast<std::streamsize>(header.size()));
   if (!stream || crc32(bytes_of(header)) != preamble.header_crc)
@@ -204,7 +205,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     // header, and the last block must end there.
     if (used != blocks_bytes || end != blocks_bytes)
       throw std::runtime_error(
-          fmt::format("{} bytes behind the header, its blocks have {}", blocks_bytes, used));
+          fmt::format("the header is followed by {} bytes, but its blocks have {}", blocks_bytes, used));
   } catch (const std::exception& error) {  // from the JSON library, or thrown above
     fail(ErrorKind::data, "{}: unusable header: {}", path_.string(), error.what());
   }
@@ -240,14 +241,14 @@ Image8 PackedFile::load(const PackedView& packed) const {
   const Camera& c = packed.view.camera;
   const std::size_t expected = 3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height);
   if (bytes.size() != expected)
-    fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name,
-         bytes.size(), c.width, c.height, expected);
+    fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, but {}x{} pixels need {}", path_.string(),
+         name, bytes.size(), c.width, c.height, expected);
   Image8 image{c.width, c.height, std::vector<std::uint8_t>(bytes.size()), {}};
   std::memcpy(image.rgb.data(), bytes.data(), bytes.size());
   if (!packed.mask) return image;
   const std::vector<std::byte> mask = read_block(*packed.mask, "the mask of '" + name + "'");
   if (mask.size() != expected / 3)
-    fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, {}x{} pixels need {}", path_.string(), name,
+    fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, but {}x{} pixels need {}", path_.string(), name,
          mask.size(), c.width, c.height, expected / 3);
   image.mask.resize(mask.size());
   std::memcpy(image.mask.data(), mask.data(), mask.size());
@@ -292,8 +293,8 @@ std::optional<PointCloud> PackedFile::points() const {
   if (!points_) return std::nullopt;
   const std::vector<std::byte> bytes = read_block(*points_, "the point cloud");
   if (bytes.size() % kPointBytes != 0)
-    fail(ErrorKind::data, "{}: the point cloud has {} bytes, no multiple of {}", path_.string(), bytes.size(),
-         kPointBytes);
+    fail(ErrorKind::data, "{}: the size of the point cloud is {} bytes, which is not a multiple of {}",
+         path_.string(), bytes.size(), kPointBytes);
   PointCloud cloud;
   cloud.positions.resize(bytes.size() / kPointBytes);
   cloud.colours.resize(cloud.positions.size());
@@ -312,11 +313,12 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
   const auto file = std::make_shared<const PackedFile>(path);
   if (file->background() != options.background && !file->opaque())
     fail(ErrorKind::data,
-         "{}: was packed on the background {}; draw on that (--background {}), or pack it again",
+         "{}: the images were packed with the background {}: use the same one (--background {}), or pack the "
+         "data again",
          path.string(), fmt::join(file->background(), ","), fmt::join(file->background(), ","));
   if (options.read.downscale != 1 && options.read.downscale != file->downscale())
-    fail(ErrorKind::data, "{}: was packed with --downscale {}, not {}; pack it again", path.string(),
-         file->downscale(), options.read.downscale);
+    fail(ErrorKind::data, "{}: the images were packed with --downscale {}, not {}: pack the data again",
+         path.string(), file->downscale(), options.read.downscale);
   LoadedScene scene;
   for (const std::string& name : file->split_names())
     scene.splits.push_back(options.load_images ? PackedFile::split_on_demand(file, name) : file->split(name));
@@ -331,8 +333,8 @@ LoadedScene load_packed(const std::filesystem::path& path, const DatasetOptions&
   const auto train = std::ranges::find(scene.splits, "train", &Split::name);
   if (!scene.depth_bounds.empty() &&
       (train == scene.splits.end() || train->views.size() != scene.depth_bounds.size()))
-    fail(ErrorKind::data, "{}: {} depth bounds, not one for each training view", path.string(),
-         scene.depth_bounds.size());
+    fail(ErrorKind::data, "{}: the file has {} depth bounds, but must have one for each training view",
+         path.string(), scene.depth_bounds.size());
   return scene;
 }
 

@@ -124,7 +124,7 @@ std::string take_groups(std::vector<std::string>& comments, const std::string& n
   std::erase_if(comments, [&](const std::string& comment) {
     if (!comment.starts_with(prefix)) return false;
     if (!text.empty())
-      fail(ErrorKind::data, "{}: comment '{}' names the groups a second time", name, comment);
+      fail(ErrorKind::data, "{}: comment '{}' lists the groups a second time", name, comment);
     text = comment.substr(prefix.size());
     return true;
   });
@@ -146,16 +146,16 @@ void check_group_elements(const PlyHeader& header, const std::vector<PlyElement>
   for (const PlyElement& element : elements) {
     const int dim = infer_dimension(element, name);
     if (std::ranges::find(dims, dim) != dims.end())
-      fail(ErrorKind::data, "{}: two groups of splats with N = {} ('{}')", name, dim, element.name);
+      fail(ErrorKind::data, "{}: there are two groups of splats with N = {} ('{}')", name, dim, element.name);
     dims.push_back(dim);
     if (dims.size() > 1 && element.name != fmt::format("vertex_{}d", dim))
       fail(ErrorKind::data, "{}: element '{}' has the properties of N = {}", name, element.name, dim);
   }
   if (listed != groups_text(dims))
-    fail(ErrorKind::data, "{}: the comment lists the groups '{}', the elements are of N = {}", name, listed,
+    fail(ErrorKind::data, "{}: the comment lists the groups '{}', but the elements have N = {}", name, listed,
          groups_text(dims));
   if (elements.size() != header.elements.size())
-    fail(ErrorKind::data, "{}: elements other than groups of splats stand between or behind them", name);
+    fail(ErrorKind::data, "{}: other elements are between or after the groups of splats", name);
 }
 
 std::string header_text(std::span<const SplatModel> groups, std::span<const std::string> comments) {
@@ -183,7 +183,7 @@ std::string header_text(std::span<const SplatModel> groups, std::span<const std:
 void check_writable(const SplatModel& model, const std::filesystem::path& path) {
   const ParameterLayout layout = model.layout();
   if (model.values.size() != static_cast<std::size_t>(layout.count) * model.count)
-    fail(ErrorKind::internal, "{}: model holds {} values, {} splats of N = {} need {}", path.string(),
+    fail(ErrorKind::internal, "{}: the model has {} values, but {} splats with N = {} need {}", path.string(),
          model.values.size(), model.count, model.dim, static_cast<std::size_t>(layout.count) * model.count);
   const auto bad =
       std::find_if(model.values.begin(), model.values.end(), [](float v) { return !std::isfinite(v); });
@@ -254,7 +254,8 @@ MixedModel read_mixed_ply(const std::filesystem::path& path, std::vector<std::st
 SplatModel read_splat_ply(const std::filesystem::path& path, std::vector<std::string>* comments) {
   MixedModel model = read_mixed_ply(path, comments);
   if (model.mixed())
-    fail(ErrorKind::data, "{}: holds splats of several dimensions ({}), only one is possible here",
+    fail(ErrorKind::data,
+         "{}: contains splats of different dimensions ({}), but this command supports only one",
          path.string(), to_string(model));
   return std::move(model.groups.front());
 }

@@ -143,7 +143,7 @@ class HeaderParser {
     words >> element.name >> count;
     const auto result = std::from_chars(count.data(), count.data() + count.size(), element.count);
     if (result.ec != std::errc() || result.ptr != count.data() + count.size())
-      fail(ErrorKind::data, "{}: absurd {} count '{}'", where(), element.name, count);
+      fail(ErrorKind::data, "{}: invalid {} count '{}'", where(), element.name, count);
     header_.elements.push_back(std::move(element));
   }
 
@@ -181,11 +181,11 @@ void check_size(const PlyHeader& header, std::size_t available, const std::strin
   const std::size_t row = header.ascii ? 2 * header.properties.size() : header.stride;
   const std::size_t complete = (available + (header.ascii ? 1 : 0)) / row;
   if (header.count > complete)
-    fail(ErrorKind::data, "{}: truncated: the header promises {} vertices, the file holds {}", name,
+    fail(ErrorKind::data, "{}: truncated: the header announces {} vertices, but the file contains {}", name,
          header.count, complete);
   if (!header.ascii && header.elements.size() == 1 && available != header.count * header.stride)
-    fail(ErrorKind::data, "{}: {} unexpected bytes after the last vertex: header and data disagree", name,
-         available - header.count * header.stride);
+    fail(ErrorKind::data, "{}: {} unexpected bytes after the last vertex: the header does not match the data",
+         name, available - header.count * header.stride);
 }
 
 void check_elements(const PlyHeader& header, std::size_t available, const std::string& name) {
@@ -194,12 +194,13 @@ void check_elements(const PlyHeader& header, std::size_t available, const std::s
       fail(ErrorKind::data, "{}: element {} has a list or no properties", name, element.name);
     if (element.count > available / element.stride)
       fail(ErrorKind::data,
-           "{}: truncated: the header promises {} rows of element {}, there are bytes for {}", name,
+           "{}: truncated: the header announces {} rows of element {}, but there are bytes for {}", name,
            element.count, element.name, available / element.stride);
     available -= element.count * element.stride;
   }
   if (available > 0)
-    fail(ErrorKind::data, "{}: {} unexpected bytes after the last element: header and data disagree", name,
+    fail(ErrorKind::data,
+         "{}: {} unexpected bytes after the last element: the header does not match the data", name,
          available);
 }
 
@@ -229,7 +230,7 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
       at = result.ptr;
     }
     if (std::string_view(at, end).find_first_not_of(" \t\r") != std::string_view::npos)
-      fail(ErrorKind::data, "{}: more values than the {} properties", where, values.size());
+      fail(ErrorKind::data, "{}: more values than the {} properties of the element", where, values.size());
     for (std::size_t r = 0; r < properties.size(); ++r) {
       const Real value =
           static_cast<Real>(values[static_cast<std::size_t>(properties[r] - header.properties.data())]);
@@ -243,7 +244,7 @@ void read_ascii_rows(std::ifstream& stream, const PlyHeader& header,
   while (found <= promised && std::getline(stream, line))
     found += line.find_first_not_of(" \t\r") != std::string::npos;
   if (found != promised)
-    fail(ErrorKind::data, "{}: {} rows behind the vertices, the header promises {}", name,
+    fail(ErrorKind::data, "{}: {} rows follow the vertices, but the header announces {}", name,
          found > promised ? "more" : fmt::format("{}", found), promised);
 }
 
@@ -301,7 +302,7 @@ std::ifstream open_ply(const std::filesystem::path& path, PlyHeader& header, boo
   std::ifstream stream = open_for_reading(path, size);
   header = HeaderParser(stream, path.string(), allow_ascii).parse();
   if (header.name != "vertex")
-    fail(ErrorKind::data, "{}: the first element is '{}', expected vertex", path.string(), header.name);
+    fail(ErrorKind::data, "{}: the first element is '{}', but must be vertex", path.string(), header.name);
   check_size(header, size - static_cast<std::size_t>(stream.tellg()), path.string());
   return stream;
 }

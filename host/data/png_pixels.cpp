@@ -61,7 +61,7 @@ bool decode(png_structp png, png_infop info, Source& source, std::size_t file_by
     return false;
   }
   if (width * height > kMaxDecodedPixels)
-    fail(ErrorKind::data, "{}: {} x {} pixels; images have at most {}", name, width, height,
+    fail(ErrorKind::data, "{}: {} x {} pixels are too many: images can have at most {}", name, width, height,
          kMaxDecodedPixels);
   png_set_expand(png);  // palettes, fewer than 8 bits, transparent colours
   png_set_bgr(png);
@@ -97,10 +97,10 @@ cv::Mat decode_png(std::span<const std::byte> file, const std::string& name) {
   } decoder;
   decoder.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &source, leave, ignore);
   if (decoder.png != nullptr) decoder.info = png_create_info_struct(decoder.png);
-  if (decoder.info == nullptr) fail(ErrorKind::memory, "{}: no memory to decode it", name);
+  if (decoder.info == nullptr) fail(ErrorKind::memory, "{}: not enough memory to decode the image", name);
   cv::Mat pixels;
   if (!decode(decoder.png, decoder.info, source, file.size(), name, pixels))
-    fail(ErrorKind::data, "{}: damaged or cut off PNG: {}", name, source.message);
+    fail(ErrorKind::data, "{}: damaged or truncated PNG: {}", name, source.message);
   return pixels;
 }
 

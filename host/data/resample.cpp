@@ -65,7 +65,8 @@ std::uint8_t filter(const std::uint8_t* source, std::ptrdiff_t step, const Taps&
 
 Image8 resize_bicubic(const Image8& image, int width, int height) {
   if (width < 1 || height < 1 || image.width < 1 || image.height < 1)
-    fail(ErrorKind::internal, "resize from {}x{} to {}x{}", image.width, image.height, width, height);
+    fail(ErrorKind::internal, "cannot resize an image from {}x{} to {}x{} pixels", image.width, image.height,
+         width, height);
   const auto at = [](int w, int x, int y) { return 3 * (static_cast<std::ptrdiff_t>(y) * w + x); };
 
   Image8 narrow{width, image.height, {}};

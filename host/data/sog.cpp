@@ -189,11 +189,11 @@ class SplatImage {
 // infinity and NaN.
 std::vector<double> numbers_of(const Json& array, std::size_t least, const std::string& where) {
   if (!array.is_array() || array.size() < least)
-    fail(ErrorKind::data, "{}: an array of {} numbers is needed", where, least);
+    fail(ErrorKind::data, "{}: expected an array of {} numbers", where, least);
   std::vector<double> numbers;
   for (const Json& number : array) {
     if (!number.is_number())
-      fail(ErrorKind::data, "{}[{}] is {}: a number is needed", where, numbers.size(), number.type_name());
+      fail(ErrorKind::data, "{}[{}] is {}: expected a number", where, numbers.size(), number.type_name());
     numbers.push_back(number.get<double>());
   }
   return numbers;
@@ -216,7 +216,8 @@ struct SogImages {
     Rgba8 image =
         decode_webp(files(member), least + least / 4 + kSparePixels, fmt::format("{}: {}", name, member));
     if (image.rgba.size() / 4 < least)
-      fail(ErrorKind::data, "{}: {}: {} pixels, {} are needed", name, member, image.rgba.size() / 4, least);
+      fail(ErrorKind::data, "{}: {}: the image has {} pixels, but {} are needed", name, member,
+           image.rgba.size() / 4, least);
     return image;
   }
   std::vector<double> numbers(const char* group, const char* key, std::size_t least) const {
@@ -246,7 +247,8 @@ struct SogImages {
 int degree_of_palette(const Rgba8& palette, const std::string& name) {
   for (int degree = 1; degree <= 3; ++degree)
     if (palette.width == static_cast<int>(kPaletteRow) * ((degree + 1) * (degree + 1) - 1)) return degree;
-  fail(ErrorKind::data, "{}: the palette is {} pixels wide: no number of harmonics", name, palette.width);
+  fail(ErrorKind::data, "{}: the palette is {} pixels wide, which matches no degree of spherical harmonics",
+       name, palette.width);
 }
 
 void read_harmonics(const SogImages& images, ImportedSplats& splats) {
@@ -254,19 +256,21 @@ void read_harmonics(const SogImages& images, ImportedSplats& splats) {
   const std::size_t higher = splats.coefficients() - 1, n = splats.count();
   // Version 1 does not state the number of palette entries.
   const std::size_t promised = images.version() == 1 ? kPaletteRow : meta.at("count").get<std::size_t>();
-  if (promised > kPalette) fail(ErrorKind::data, "{}: a palette of {} harmonics", images.name, promised);
+  if (promised > kPalette)
+    fail(ErrorKind::data, "{}: the palette has {} harmonics, which matches no degree", images.name, promised);
   const std::vector<float> book = images.book("shN");
   const std::size_t rows = (promised + kPaletteRow - 1) / kPaletteRow;
   const Rgba8 palette = images.get("shN", 0, rows * kPaletteRow * higher), labels = images.get("shN", 1, n);
   const std::size_t entries =
       images.version() == 1 ? static_cast<std::size_t>(palette.height) * kPaletteRow : promised;
   if (static_cast<std::size_t>(palette.width) != kPaletteRow * higher)
-    fail(ErrorKind::data, "{}: the palette is {} pixels wide, {} are needed", images.name, palette.width,
+    fail(ErrorKind::data, "{}: the palette is {} pixels wide instead of {}", images.name, palette.width,
          kPaletteRow * higher);
   for (std::size_t i = 0; i < n; ++i) {
     const std::size_t label = labels.rgba[4 * i] | labels.rgba[4 * i + 1] << 8;
     if (label >= entries)
-      fail(ErrorKind::data, "{}: splat {} has entry {} of a palette of {}", images.name, i, label, entries);
+      fail(ErrorKind::data, "{}: splat {} refers to entry {} of a palette with {} entries", images.name, i,
+           label, entries);
     for (std::size_t k = 0; k < higher; ++k)
       for (std::size_t c = 0; c < 3; ++c)
         splats.sh[(i * (higher + 1) + k + 1) * 3 + c] = book[palette.rgba[4 * (label * higher + k) + c]];
@@ -280,7 +284,7 @@ ImportedSplats read_images(const SogImages& images, std::size_t bytes) {
     fail(ErrorKind::data, "{}: SOG version {}: 1 and 2 are supported", images.name, version);
   const std::size_t n = images.count();
   if (n > kSplatsAByte * bytes)
-    fail(ErrorKind::data, "{}: {} splats in {} bytes make no sense", images.name, n, bytes);
+    fail(ErrorKind::data, "{}: {} splats cannot be stored in {} bytes", images.name, n, bytes);
   ImportedSplats splats;
   splats.antialiased = meta.value("antialias", false) || meta.value("model", "") == "antialiased";
   if (meta.contains("shN"))
@@ -333,7 +337,7 @@ void write_sog(const std::filesystem::path& path, const ImportedSplats& splats) 
   const std::size_t n = splats.count(), all = splats.coefficients();
   const int degree = std::min(splats.sh_degree, 3);
   const std::size_t higher = static_cast<std::size_t>((degree + 1) * (degree + 1)) - 1;
-  if (n == 0) fail(ErrorKind::data, "{}: SOG has no place for a model without splats", path.string());
+  if (n == 0) fail(ErrorKind::data, "{}: a SOG file needs at least one splat", path.string());
   std::array<double, 3> low, high;
   low.fill(INFINITY), high.fill(-INFINITY);
   for (const auto& p : splats.positions)
@@ -432,7 +436,7 @@ ImportedSplats read_meta(const SogFiles& files, const Json& meta, std::size_t by
     if (!others.empty())
       splats.report.note(fmt::format("keys of meta.json that are not used: {}", list_names(others)));
   } catch (const nlohmann::json::exception& error) {
-    fail(ErrorKind::data, "{}: meta.json does not fit: {}", name, error.what());
+    fail(ErrorKind::data, "{}: meta.json does not match the images: {}", name, error.what());
   }
   splats.report.folder = name;
   if (splats.antialiased) splats.report.note("trained with antialiasing");

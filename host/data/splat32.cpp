@@ -23,8 +23,8 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
   const std::string name = path.string();
   const std::vector<std::byte> bytes = read_file(path);
   if (bytes.size() % kRecord != 0)
-    fail(ErrorKind::data, "{}: {} bytes are no multiple of the {} of a .splat record", name, bytes.size(),
-         kRecord);
+    fail(ErrorKind::data, "{}: the size of {} bytes is not a multiple of {}, the size of a .splat record",
+         name, bytes.size(), kRecord);
   ImportedSplats splats;
   splats.resize(bytes.size() / kRecord);
   ByteReader in(bytes, name);
@@ -46,14 +46,13 @@ ImportedSplats read_splat32(const std::filesystem::path& path) {
   const std::size_t all = splats.count();
   clean(splats);
   if (all > 0 && splats.count() == 0)
-    fail(ErrorKind::data, "{}: no record makes sense: not a .splat file", name);
+    fail(ErrorKind::data, "{}: not a .splat file: none of its records contains valid values", name);
   return splats;
 }
 
 void write_splat32(const std::filesystem::path& path, const ImportedSplats& splats) {
   // An empty file could not be recognised as this format.
-  if (splats.count() == 0)
-    fail(ErrorKind::data, "{}: .splat has no place for a model without splats", path.string());
+  if (splats.count() == 0) fail(ErrorKind::data, "{}: a .splat file needs at least one splat", path.string());
   AtomicFile file(path);
   for (std::size_t i = 0; i < splats.count(); ++i) {
     std::array<float, 6> numbers{};

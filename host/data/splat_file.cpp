@@ -51,8 +51,8 @@ bool has_line(const FileStart& start, std::string_view begin) {
 
 std::vector<std::string> splat32_remarks(const ImportedSplats& splats) {
   if (splats.sh_degree == 0) return {};
-  return {
-      fmt::format("harmonics of degree 1 to {} are lost: .splat has one colour a splat", splats.sh_degree)};
+  return {fmt::format("harmonics of degree 1 to {} are lost: a .splat file stores one colour per splat",
+                      splats.sh_degree)};
 }
 
 // The formats, in the order in which they are tried. The order matters: files of ubs may have property names
@@ -192,10 +192,11 @@ std::string what_zip(const FileStart& start) {
 }
 
 std::string what_gzip(const FileStart& start) {
-  const std::string_view inside = start.packed.starts_with("ply")                   ? "a PLY file"
-                                  : start.packed.find("ustar") != std::string::npos ? "an archive (tar)"
-                                                                                    : "a file that is no SPZ";
-  return fmt::format("{}, packed with gzip: unpack it first", inside);
+  const std::string_view inside = start.packed.starts_with("ply") ? "a PLY file"
+                                  : start.packed.find("ustar") != std::string::npos
+                                      ? "an archive (tar)"
+                                      : "a file that is not SPZ";
+  return fmt::format("{} compressed with gzip: unpack it first", inside);
 }
 
 // Kinds of files that hold no splats, tried if none of the formats fits. Scaffold-GS is an exception:
@@ -206,20 +207,21 @@ constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return has_property(s, " f_anchor_feat_0"); },
      [](const FileStart& s) {
        return fmt::format(
-           "{} anchors of Scaffold-GS, no splats: its networks make the splats anew for each view",
+           "{} anchors of Scaffold-GS and no splats: its networks generate the splats for each view",
            rows_of(s, "vertex"));
      }},
     {[](const FileStart& s) {
        return is_ply(s) && !has_property(s, " scale_0") && rows_of(s, "face") != "0" && has_property(s, " x");
      },
      [](const FileStart& s) {
-       return fmt::format("a mesh of {} vertices and {} faces, no splats", rows_of(s, "vertex"),
+       return fmt::format("a mesh with {} vertices and {} faces, but no splats", rows_of(s, "vertex"),
                           rows_of(s, "face"));
      }},
     {[](const FileStart& s) { return is_ply(s) && !has_property(s, " scale_0") && has_property(s, " x"); },
      [](const FileStart& s) {
        return fmt::format(
-           "a point cloud of {} points, no splats: points in a data folder are where training begins",
+           "a point cloud with {} points, but no splats: in a data folder, points are the initial splats of "
+           "a training",
            rows_of(s, "vertex"));
      }},
     {[](const FileStart& s) { return is_zip(s) && has_member(s, "data.pkl"); },
@@ -322,12 +324,12 @@ std::string what_other(const FileStart& start) {
 
 ImportedSplats read_as(const SplatFormat& format, const fs::path& path, std::optional<double> time) {
   if (time && !format.read_at)
-    fail(ErrorKind::usage, "{}: a {} file has no moments to choose from", path.string(), format.title);
+    fail(ErrorKind::usage, "{}: a {} file has no time samples to choose from", path.string(), format.title);
   ImportedSplats splats = time ? format.read_at(path, *time) : format.read(path);
   std::size_t dropped = 0;
   for (const LoadReport::Skipped& skipped : splats.report.skipped) dropped += skipped.count;
   if (splats.count() == 0 && dropped > 0)
-    fail(ErrorKind::data, "{}: none of its {} splats can be drawn: {}", path.string(), dropped,
+    fail(ErrorKind::data, "{}: none of its {} splats can be rendered: {}", path.string(), dropped,
          splats.report.skipped.front().why);
   return splats;
 }
@@ -360,7 +362,8 @@ std::vector<std::string> written_formats() {
 const SplatFormat& splat_format(std::string_view name) {
   for (const SplatFormat& format : kFormats)
     if (written(format) && format.name == name) return format;
-  fail(ErrorKind::usage, "there is no format '{}' to write: {}", name, fmt::join(written_formats(), ", "));
+  fail(ErrorKind::usage, "unknown output format '{}': choose one of {}", name,
+       fmt::join(written_formats(), ", "));
 }
 
 const SplatFormat* format_of_extension(const fs::path& path) {
@@ -416,13 +419,14 @@ fs::path find_splat_model(const fs::path& path) {
 
 ImportedSplats read_foreign_splats(const fs::path& path, std::optional<double> time) {
   const SplatFormat& format = detect_splat_format(path);
-  if (format.ours()) fail(ErrorKind::internal, "{}: a file of ours needs no import", path.string());
+  if (format.ours())
+    fail(ErrorKind::internal, "{}: this is a ubs model, which needs no import", path.string());
   return read_as(format, path, time);
 }
 
 void write_foreign_splats(const SplatFormat& format, const fs::path& path, const ImportedSplats& splats) {
   if (!format.keeps_offset && splats.offset != std::array<double, 3>{})
-    warn("{}: the offset {} is lost: this format has no place for it", path.string(),
+    warn("{}: the offset {} is lost, because this format cannot store it", path.string(),
          fmt::join(splats.offset, " "));
   format.write(path, splats);
 }
@@ -451,7 +455,7 @@ LoadedModel load_splat_model(const fs::path& given, std::optional<double> time) 
   LoadedModel loaded;
   loaded.format = &detect_splat_format(path);
   if (loaded.format->ours()) {
-    if (time) fail(ErrorKind::usage, "{}: this file has no moments to choose from", path.string());
+    if (time) fail(ErrorKind::usage, "{}: this file has no time samples to choose from", path.string());
     loaded.model = is_ubsz(start_of(path)) ? read_ubsz(path, &loaded.comments)
                                            : read_mixed_ply(path, &loaded.comments, &loaded.remarks);
     loaded.offset = offset_comment(loaded.comments, path.string());

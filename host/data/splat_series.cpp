@@ -49,8 +49,8 @@ std::vector<AxisTurn> axis_turns() {
   return turns;
 }
 
-// Renames the axes of splat i so that its rotation is as near as possible to that at the previous moment; the
-// ellipsoid stays the same. The axes are renamed only if this is clearly nearer.
+// Permutes the axes of splat i so that its rotation is as close as possible to that of the previous time
+// sample. The ellipsoid does not change. The axes are only permuted if the rotation becomes clearly closer.
 void name_axes_alike(const ImportedSplats& before, ImportedSplats& splats, std::size_t i,
                      std::span<const AxisTurn> turns) {
   constexpr float kClearlyNearer = 1e-4f;

@@ -47,9 +47,12 @@ Header read_header(ByteReader& in) {
   h.flags = in.read<std::uint8_t>();
   h.streams = in.read<std::uint8_t>();  // reserved in versions before 4
   if (h.version < 2 || h.version > 4)
-    fail(ErrorKind::data, "{}: SPZ version {} is not supported: 2, 3 and 4 are", in.name(), h.version);
-  if (h.degree > 4) fail(ErrorKind::data, "{}: harmonics of degree {}", in.name(), h.degree);
-  if (h.fraction_bits > 23) fail(ErrorKind::data, "{}: {} fraction bits of 24", in.name(), h.fraction_bits);
+    fail(ErrorKind::data, "{}: SPZ version {} is not supported, only 2, 3 and 4", in.name(), h.version);
+  if (h.degree > 4)
+    fail(ErrorKind::data, "{}: harmonics of degree {} are not supported", in.name(), h.degree);
+  if (h.fraction_bits > 23)
+    fail(ErrorKind::data, "{}: {} fraction bits are more than the 24 bits of a coordinate", in.name(),
+         h.fraction_bits);
   return h;
 }
 
@@ -125,7 +128,7 @@ ImportedSplats unpack(const Header& h, const std::array<Bytes, 6>& a, const std:
   if (h.degree > 3) splats.report.note("harmonics of degree 4 are dropped");
   if (splats.antialiased) splats.report.note("trained with antialiasing");
   if (const int others = h.flags & ~kAntialiased; others != 0)
-    splats.report.note(fmt::format("flags {:#x} are not used: what they mean is not known", others));
+    splats.report.note(fmt::format("flags {:#x} are ignored, because their meaning is unknown", others));
   clean(splats);
   return splats;
 }
@@ -137,7 +140,7 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
   const auto sizes = attribute_sizes(h);
   const std::size_t wanted = h.degree > 0 ? 6 : 5;
   if (h.streams < wanted || table < 32 || table > file.size() || (file.size() - table) / 16 < h.streams)
-    fail(ErrorKind::data, "{}: {} streams at byte {}, the attributes need {}", name, h.streams, table,
+    fail(ErrorKind::data, "{}: {} streams at byte {}, but the attributes need {}", name, h.streams, table,
          wanted);
   ByteReader toc(file.subspan(table), name);
   std::size_t at = table + 16 * std::size_t{h.streams};
@@ -146,7 +149,7 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
   for (std::size_t s = 0; s < wanted; ++s) {
     const auto packed = toc.read<std::uint64_t>(), size = toc.read<std::uint64_t>();
     if (size != sizes[s] * h.count)
-      fail(ErrorKind::data, "{}: stream {} holds {} bytes, {} splats need {}", name, s, size, h.count,
+      fail(ErrorKind::data, "{}: stream {} has {} bytes, but {} splats need {}", name, s, size, h.count,
            sizes[s] * h.count);
     if (packed > file.size() - at || size / kMaxZstdRatio > packed)
       fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
@@ -160,11 +163,11 @@ ImportedSplats parse_v4(Bytes file, const std::string& name) {
     if (packed > file.size() - at) fail(ErrorKind::data, "{}: truncated in stream {}", name, s);
     at += packed;
   }
-  if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes behind the last stream", name, file.size() - at);
+  if (at != file.size()) fail(ErrorKind::data, "{}: {} bytes follow the last stream", name, file.size() - at);
   ImportedSplats splats = unpack(h, attributes, name);
   if (h.streams > wanted)
     splats.report.note(
-        fmt::format("{} streams behind those of the attributes are not used", h.streams - wanted));
+        fmt::format("{} streams after those of the attributes are not used", h.streams - wanted));
   return splats;
 }
 
@@ -206,11 +209,11 @@ int fraction_bits_for(double largest) {
 ImportedSplats parse_spz(Bytes payload, const std::string& name) {
   ByteReader in(payload, name);
   const Header h = read_header(in);
-  if (h.version == 4) fail(ErrorKind::data, "{}: version 4 inside gzip", name);
+  if (h.version == 4) fail(ErrorKind::data, "{}: version 4 is not allowed inside gzip", name);
   std::array<Bytes, 6> attributes;
   const auto sizes = attribute_sizes(h);
   for (std::size_t s = 0; s < 6; ++s) attributes[s] = in.take(sizes[s] * h.count);
-  if (in.remaining() > 0) fail(ErrorKind::data, "{}: {} bytes behind the last splat", name, in.remaining());
+  if (in.remaining() > 0) fail(ErrorKind::data, "{}: {} bytes follow the last splat", name, in.remaining());
   return unpack(h, attributes, name);
 }
 

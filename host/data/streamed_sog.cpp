@@ -31,7 +31,7 @@ void collect_ranges(const Json& node, LodRanges& ranges, const std::string& name
     std::size_t level = 0;
     const auto result = std::from_chars(key.data(), key.data() + key.size(), level);
     if (result.ec != std::errc() || result.ptr != key.data() + key.size())
-      fail(ErrorKind::data, "{}: level '{}' of a node is no number", name, key.substr(0, 40));
+      fail(ErrorKind::data, "{}: level '{}' of a node is not a number", name, key.substr(0, 40));
     ranges[level].push_back({range.at("file").get<std::size_t>(), range.at("offset").get<std::size_t>(),
                              range.at("count").get<std::size_t>()});
   }
@@ -42,8 +42,9 @@ void append_ranges(std::optional<ImportedSplats>& splats, const ImportedSplats& 
   std::size_t end = 0;
   for (const LodRange& range : ranges) {
     if (range.offset < end || range.offset > file.count() || range.count > file.count() - range.offset)
-      fail(ErrorKind::data, "{}: splats {} to {} of a node overlap others or are not in {}, which has {}",
-           name, range.offset, range.offset + range.count, file.report.folder, file.count());
+      fail(ErrorKind::data,
+           "{}: splats {} to {} of a node overlap other nodes or are not in {}, which has {}", name,
+           range.offset, range.offset + range.count, file.report.folder, file.count());
     end = range.offset + range.count;
   }
   // The ranges of the nodes usually cover the whole file, so join adjacent ones.
@@ -83,7 +84,7 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path) {
       const auto end =
           std::find_if(begin, ranges.end(), [&](const LodRange& r) { return r.file != begin->file; });
       if (begin->file >= names.size())
-        fail(ErrorKind::data, "{}: a node names file {} of {}", name, begin->file, names.size());
+        fail(ErrorKind::data, "{}: a node refers to file {} of {}", name, begin->file, names.size());
       append_ranges(splats, load_sog(file_beside(path, names[begin->file])), std::span(begin, end), name);
       begin = end;
     }
@@ -92,11 +93,11 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path) {
       environment = true;
     }
   } catch (const nlohmann::json::exception& error) {
-    fail(ErrorKind::data, "{}: lod-meta.json does not fit: {}", name, error.what());
+    fail(ErrorKind::data, "{}: lod-meta.json does not match the format: {}", name, error.what());
   }
   splats->report.layout = "streamed SOG";
   splats->report.folder = name;
-  splats->report.note(fmt::format("level {} of {}, the finest, from {} files{}", level, levels, files,
+  splats->report.note(fmt::format("using level {} of {}, the finest, from {} files{}", level, levels, files,
                                   environment ? ", and the environment" : ""));
   clean(*splats);
   return std::move(*splats);

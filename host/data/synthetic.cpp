@@ -115,7 +115,7 @@ std::unique_ptr<Scene> make_scene(const SyntheticOptions& o) {
   if (o.scene == "glossy") return make_glossy();
   if (o.scene == "orbit") return make_orbit();
   if (o.scene == "cloud") return make_cloud(o.seed);
-  fail(ErrorKind::usage, "synthetic scene '{}' is unknown: choose {}", o.scene,
+  fail(ErrorKind::usage, "unknown synthetic scene '{}': choose one of {}", o.scene,
        fmt::join(synthetic_scene_names(), ", "));
 }
 
@@ -149,7 +149,7 @@ std::vector<fs::path> files_of(const SyntheticOptions& o, const fs::path& out) {
 // Removes the JSON files of an earlier export first, so that the folder is not a valid data set until the new
 // ones are written.
 void prepare_folder(const SyntheticOptions& o, const fs::path& out) {
-  if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: is not a folder", out.string());
+  if (path_exists(out) && !is_folder(out)) fail(ErrorKind::usage, "{}: this is not a folder", out.string());
   for (const fs::path& file : files_of(o, out)) {
     check_ordinary(file);
     if (!o.overwrite && path_exists(file))

@@ -88,7 +88,7 @@ class PlaneWriter {
  public:
   PlaneWriter() {
     if (deflateInit2(&stream_, 9, Z_DEFLATED, 15 + 16, 9, Z_FILTERED) != Z_OK)
-      fail(ErrorKind::memory, "zlib does not start");
+      fail(ErrorKind::memory, "zlib cannot be initialised");
   }
   ~PlaneWriter() { deflateEnd(&stream_); }
   PlaneWriter(const PlaneWriter&) = delete;
@@ -176,7 +176,7 @@ GroupCode plan_group(const SplatModel& model, const UbszSteps& steps, std::vecto
   if (steps.steps.size() != static_cast<std::size_t>(layout.count) || steps.classes.size() != model.count ||
       std::ranges::any_of(steps.classes, [](int k) { return k > kMaxStepClass; }) ||
       std::ranges::any_of(steps.steps, [](double s) { return !(s > 0); }))
-    fail(ErrorKind::internal, "steps that do not fit the model");
+    fail(ErrorKind::internal, "the quantisation steps do not match the model");
   for (const std::uint8_t k : steps.classes) ++group.classes[k];
   double extent = 0;
   for (int axis = 0; axis < 3; ++axis) {
@@ -287,7 +287,7 @@ void take_group(ByteReader& in, const GroupCode& group, SplatModel& model) {
 void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::string& name) {
   for (const SplatModel& group : model.groups)
     if (!std::ranges::all_of(group.values, [](float v) { return std::isfinite(v); }))
-      fail(kind, "{}: a value of a splat of N = {} is not finite", name, group.dim);
+      fail(kind, "{}: a value of a splat with N = {} is not finite", name, group.dim);
 }
 
 // ---- The header of a file that is read; anything unexpected counts as damage ----
@@ -313,15 +313,16 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
     for (const RowCode& row : group.rows) bytes += static_cast<std::size_t>(row.bytes);
     std::size_t rest = group.count;  // subtracts, because a sum could overflow
     for (const std::size_t n : group.classes) {
-      if (n > rest) fail(ErrorKind::data, "classes of more splats than there are");
+      if (n > rest) fail(ErrorKind::data, "the classes contain more splats than the group");
       rest -= n;
     }
     if (rest > 0 || group.rows.size() + 3 != static_cast<std::size_t>(layout.count) ||
         group.place_bytes < 1 || group.place_bytes > 7 ||
         std::ranges::any_of(group.rows, [](const RowCode& row) { return row.bytes < 1 || row.bytes > 4; }))
-      fail(ErrorKind::data, "a group of N = {} whose rows or classes do not fit it", group.dim);
+      fail(ErrorKind::data, "the rows or classes of the group with N = {} are not valid", group.dim);
   }
-  if (group.count > room / bytes) fail(ErrorKind::data, "more splats than the file can hold");
+  if (group.count > room / bytes)
+    fail(ErrorKind::data, "the group has more splats than the file can contain");
   plain += group.count * bytes;
   return group;
 }
@@ -408,7 +409,7 @@ void unpack_groups(const Json& json, std::span<const std::byte> packed, const Mo
     groups.push_back(group_of(group, variant, kMaxDeflateRatio * packed.size(), plain));
   const std::vector<std::byte> payload = inflate_gzip(packed, plain + 1, name);
   if (payload.size() != plain)
-    fail(ErrorKind::data, "{} bytes of parameters, {} were promised", payload.size(), plain);
+    fail(ErrorKind::data, "the parameters have {} bytes, but the header announces {}", payload.size(), plain);
   ByteReader parameters(payload, name);
   for (const GroupCode& code : groups) {
     SplatModel part(code.dim, code.count, variant);
@@ -454,7 +455,7 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
     fail(ErrorKind::data, "{}: not a UBSZ file", name);
   const auto version = in.read<std::uint32_t>();
   if (version != kOneLevelVersion && version != kLevelsVersion)
-    fail(ErrorKind::data, "{}: UBSZ version {}, this program knows {} and {}", name, version,
+    fail(ErrorKind::data, "{}: UBSZ version {} is not supported, only {} and {}", name, version,
          kOneLevelVersion, kLevelsVersion);
   const auto size = in.read<std::uint32_t>(), crc = in.read<std::uint32_t>();
   const auto words = in.take(size);
@@ -472,11 +473,11 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
       for (const Json& level : header.at("levels"))
         unpack_groups(level.at("groups"), in.take(level.at("bytes").get<std::size_t>()), variant, name,
                       model);
-      if (in.remaining() > 0) fail(ErrorKind::data, "{} bytes behind the last level", in.remaining());
+      if (in.remaining() > 0) fail(ErrorKind::data, "{} bytes follow the last level", in.remaining());
       join_groups(model.groups);
     }
   } catch (const nlohmann::json::exception& error) {
-    fail(ErrorKind::data, "{}: the header does not fit: {}", name, error.what());
+    fail(ErrorKind::data, "{}: the header does not match the format: {}", name, error.what());
   } catch (const Error& error) {
     if (std::string_view(error.what()).starts_with(name)) throw;
     fail(ErrorKind::data, "{}: {}", name, error.what());

@@ -12,8 +12,8 @@ namespace ubs {
 Image8 undistort(const Image8& image, const Undistortion& plan) {
   const Lens& lens = plan.lens;
   if (image.width != lens.width || image.height != lens.height)
-    fail(ErrorKind::internal, "image {}x{} for a lens of {}x{}", image.width, image.height, lens.width,
-         lens.height);
+    fail(ErrorKind::internal, "the image has {}x{} pixels, but its lens is for {}x{}", image.width,
+         image.height, lens.width, lens.height);
   // If the left and right borders of the image meet, the pixels next to one border continue at the other.
   const int wrapped = lens.formula && lens.formula->all_directions ? std::min(4, image.width) : 0;
   cv::Mat map_x(plan.height, plan.width, CV_32F), map_y(plan.height, plan.width, CV_32F);

@@ -95,10 +95,10 @@ char UsdaParser::peek() {
       at_ = std::min(text_.find('\n', at_), text_.size());
     } else if (text_.substr(at_, 2) == "/*") {
       const std::size_t end = text_.find("*/", at_ + 2);
-      if (end == std::string_view::npos) error("a comment that does not end");
+      if (end == std::string_view::npos) error("a comment is not closed");
       at_ = end + 2;
     } else {
-      if (c == '\0') error("a byte 0 in a text file");
+      if (c == '\0') error("the text contains a zero byte");
       return c;
     }
   }
@@ -126,7 +126,7 @@ std::string_view UsdaParser::word() {
   while (at_ < text_.size() &&
          std::string_view(" \t\r\n;=()[]{},\"'@<#").find(text_[at_]) == std::string_view::npos)
     ++at_;
-  if (at_ == begin) error(fmt::format("found '{}' where a name was expected", shortened_rest()));
+  if (at_ == begin) error(fmt::format("expected a name, found '{}'", shortened_rest()));
   return text_.substr(begin, at_ - begin);
 }
 
@@ -157,7 +157,7 @@ std::string UsdaParser::string() {
   const std::size_t begin = at_ + end.size();
   for (at_ = begin; at_ < text_.size() && !text_.substr(at_).starts_with(end);)
     at_ += text_[at_] == '\\' ? 2 : 1;
-  if (at_ >= text_.size()) error("a string that does not end");
+  if (at_ >= text_.size()) error("a string is not closed");
   const std::string content(text_.substr(begin, at_ - begin));
   at_ += end.size();
   return content;
@@ -165,7 +165,7 @@ std::string UsdaParser::string() {
 
 void UsdaParser::skip_to(std::string_view end, const char* what) {
   const std::size_t found = text_.find(end, at_);
-  if (found == std::string_view::npos) error(fmt::format("{} that does not end", what));
+  if (found == std::string_view::npos) error(fmt::format("{} is not closed", what));
   at_ = found + end.size();
 }
 
@@ -213,7 +213,7 @@ void UsdaParser::skip_value() {
   int depth = 0;
   do depth += skip_token();
   while (depth > 0);
-  if (depth < 0) error("a bracket that nothing opens");
+  if (depth < 0) error("a closing bracket has no opening bracket");
   if (!reference) return;
   if (peek() == '<') skip_to(">", "a path");  // a prim in the referenced file
   if (peek() == '(') skip_value();            // a time offset of the reference
@@ -229,7 +229,7 @@ void UsdaParser::metadata(const Found& found) {
     }
     std::string key(word());
     while (peek() != '=' && peek() != ')' && peek() != '\0') key = word();  // skips words such as "prepend"
-    if (peek() != '=') error("metadata without a value");
+    if (peek() != '=') error("metadata have no value");
     ++at_;
     peek();
     const std::size_t value = at_;
@@ -260,12 +260,12 @@ void UsdaParser::prim_or_statement(UsdLayer& layer, std::size_t parent, std::siz
     expect('=');
     return skip_value();
   }
-  if (parent == kUsdNone) error(fmt::format("'{}' where a prim was expected", first.substr(0, 40)));
+  if (parent == kUsdNone) error(fmt::format("expected a prim, found '{}'", first.substr(0, 40)));
   property(layer.prims[parent], first);
 }
 
 void UsdaParser::prim(UsdLayer& layer, std::size_t parent, std::size_t depth, const std::string& specifier) {
-  if (depth >= kMaxNesting) error(fmt::format("more than {} prims inside each other", kMaxNesting));
+  if (depth >= kMaxNesting) error(fmt::format("prims are nested deeper than {} levels", kMaxNesting));
   UsdPrim prim;
   if (peek() != '"' && peek() != '\'') prim.type = word();
   prim.name = string();

@@ -56,7 +56,7 @@ class UsdSplatReader {
     if (!layer_.arcs.empty())
       splats->report.note(
           fmt::format("not followed: {}", list_names({layer_.arcs.begin(), layer_.arcs.end()})));
-    if (!turned_) splats->report.note("the z axis points up: coordinates are taken as they stand");
+    if (!turned_) splats->report.note("the z axis points up: coordinates are not converted");
     note_units(*splats);
     note_time(*splats, time.has_value());
     splats->report.layout = "USD";
@@ -67,12 +67,11 @@ class UsdSplatReader {
 
  private:
   [[noreturn]] void refuse() const {
-    const std::string found = layer_.arcs.empty()
-                                  ? ""
-                                  : fmt::format(
-                                        "; it refers to other layers or variants, which are not followed: "
-                                        "flatten it first with 'usdcat --flatten'");
-    fail(ErrorKind::data, "{}: a USD file without splats: {} prims, none of the type {}{}", name_,
+    const std::string found = layer_.arcs.empty() ? ""
+                                                  : fmt::format(
+                                                        "; it refers to other layers or variants, which are "
+                                                        "not read: flatten it first with 'usdcat --flatten'");
+    fail(ErrorKind::data, "{}: this USD file has no splats: it has {} prims, none of the type {}{}", name_,
          layer_.prims.size(), kSplatType, found);
   }
 
@@ -133,10 +132,11 @@ class UsdSplatReader {
       return false;
     }
     if (size < expected)
-      report.note(fmt::format("{}: {} numbers of {} are too few for its splats: the schema's default is used",
-                              prim.name, size, name));
+      report.note(fmt::format(
+          "{}: {} values of {} are too few for the number of splats: the schema's default is used", prim.name,
+          size, name));
     if (size > expected)
-      report.note(fmt::format("{}: {} has more numbers than its splats need", prim.name, name));
+      report.note(fmt::format("{}: {} has more values than the number of splats requires", prim.name, name));
     return size >= expected;
   }
 
@@ -203,8 +203,8 @@ class UsdSplatReader {
     const auto outside = [=](float v) { return v < low - (high == 1 ? kOver : 0) || v > high + kOver; };
     if (std::ranges::none_of(values, outside)) return;
     const auto [least, most] = std::ranges::minmax(values);
-    fail(ErrorKind::data, "{}: {} from {:.4g} to {:.4g}: the schema has {}", name_, name, least, most,
-         expected);
+    fail(ErrorKind::data, "{}: values of {} range from {:.4g} to {:.4g}, but the schema requires {}", name_,
+         name, least, most, expected);
   }
 
   // Returns the sum of the translations of a prim and of all prims above it.
@@ -301,12 +301,12 @@ class UsdSplatReader {
     if (found == layer_.metadata.end()) return;
     const std::vector<double> units = parser_.read_numbers(found->second);
     if (units.size() == 1 && units[0] != 1)
-      splats.report.note(fmt::format("a unit of {} m: coordinates are taken as they stand", units[0]));
+      splats.report.note(fmt::format("the unit of length is {} m: coordinates are not converted", units[0]));
   }
 
   void note_time(ImportedSplats& splats, bool chosen) const {
     if (codes_.size() < 2) return;
-    splats.report.note(fmt::format("{} moments, time codes {} to {}: {} is read{}", codes_.size(),
+    splats.report.note(fmt::format("{} time samples, time codes {} to {}: {} is read{}", codes_.size(),
                                    *codes_.begin(), *codes_.rbegin(), code_,
                                    chosen ? "" : "; 'ubs convert --time' reads another one"));
   }

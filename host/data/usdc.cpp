@@ -78,8 +78,8 @@ void convert_usd(const UsdConverter& converter, const fs::path& from, const fs::
   if (converter.is_usdcat) arguments.emplace_back("-o");
   arguments.push_back(to.string());
   if (const int code = exit_code_of(arguments, log); code != 0)
-    fail(ErrorKind::data, "{}: {} cannot convert the file, code {}: {}", name, converter.command.front(),
-         code, last_words(log));
+    fail(ErrorKind::data, "{}: {} failed to convert the file with exit code {}: {}", name,
+         converter.command.front(), code, last_words(log));
 }
 
 // Writes the text form with `write_text`, which receives a path, and converts it to the binary form.
@@ -113,7 +113,7 @@ ImportedSplats read_usdc_sample(const fs::path& path, std::optional<double> time
   const fs::path binary = temporary.path() / "in.usdc", text = temporary.path() / "in.usda";
   std::error_code error;
   fs::create_symlink(absolute_path(path), binary, error);
-  if (error) fail(ErrorKind::data, "{}: cannot make a link: {}", binary.string(), error.message());
+  if (error) fail(ErrorKind::data, "{}: cannot create a link: {}", binary.string(), error.message());
   convert_usd(converter, binary, text, path.string());
   return parse_usda(read_text_file(text), path.string(), time);
 }

@@ -55,7 +55,8 @@ class VideoFile {
       fail(ErrorKind::data, "{}: the video has no frames", path_.string());
     const std::uint64_t bytes = file_bytes(path_);
     if (frames > static_cast<double>(bytes) || frames > std::numeric_limits<int>::max())
-      fail(ErrorKind::data, "{}: damaged: promises {:g} frames in {} bytes", path_.string(), frames, bytes);
+      fail(ErrorKind::data, "{}: damaged: the header announces {:g} frames in {} bytes", path_.string(),
+           frames, bytes);
     frames_ = static_cast<int>(frames);
   }
 

@@ -80,7 +80,7 @@ std::string writable_videos() {
 VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
     : path_(std::move(path)), width_(width), height_(height) {
   if (!codecs().contains(small_extension(path_)))
-    fail(ErrorKind::usage, "{}: a video ends in one of {}", path_.string(),
+    fail(ErrorKind::usage, "{}: the name of a video must end with one of {}", path_.string(),
          fmt::join(video_extensions(), ", "));
   if (width < 16 || height < 16 || width > 16384 || height > 16384 || width % 2 != 0 || height % 2 != 0)
     fail(ErrorKind::usage, "{}: video frames must have an even width and height from 16 to 16384, not {}x{}",
@@ -96,7 +96,7 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   const std::string possible = writable_videos();
   fail(ErrorKind::data,
        "{}: cannot write a video here: the folder is not writable, or OpenCV has no encoder for {}; "
-       "encoders there are: {}; pictures (--out) need none",
+       "available encoders: {}; images (--out) need no encoder",
        path_.string(), path_.extension().string(), possible.empty() ? "none" : possible);
 }
 
@@ -106,8 +106,8 @@ VideoWriter::~VideoWriter() {
 
 void VideoWriter::write(const Image8& frame) {
   if (frame.width != width_ || frame.height != height_)
-    fail(ErrorKind::internal, "{}: a frame of {}x{} in a video of {}x{}", path_.string(), frame.width,
-         frame.height, width_, height_);
+    fail(ErrorKind::internal, "{}: the frame has {}x{} pixels, but the video has {}x{}", path_.string(),
+         frame.width, frame.height, width_, height_);
   cv::Mat bgr(frame.height, frame.width, CV_8UC3);
   for (std::size_t i = 0; i < frame.rgb.size(); i += 3)
     for (std::size_t c = 0; c < 3; ++c) bgr.data[i + c] = frame.rgb[i + 2 - c];
@@ -122,7 +122,7 @@ void VideoWriter::write(const Image8& frame) {
 void VideoWriter::commit() {
   encoder_->writer->release();
   const auto incomplete = [&](int found) {
-    fail(ErrorKind::data, "{}: {} of {} frames arrived in the file: is the disk full?", path_.string(), found,
+    fail(ErrorKind::data, "{}: only {} of {} frames were written: is the disk full?", path_.string(), found,
          frames_);
   };
   int found = 0;

@@ -91,9 +91,9 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
   if (file == camera) return;
   if (file.width == camera.height && file.height == camera.width)
     fail(ErrorKind::data,
-         "{}: the image has {}x{} pixels and its camera {}x{}: the image is turned by 90 degrees; turn it "
-         "back "
-         "(some programs apply the EXIF orientation when they copy images), or make the cameras again",
+         "{}: the image has {}x{} pixels, but its camera has {}x{}, so it is rotated by 90 degrees: rotate "
+         "it back (some programs apply the EXIF orientation when they copy images), or create the "
+         "cameras again",
          where, file.width, file.height, camera.width, camera.height);
   const double across = static_cast<double>(camera.width) / file.width;
   const double down = static_cast<double>(camera.height) / file.height;
@@ -102,18 +102,19 @@ void check_image_size(ImageSize file, ImageSize camera, const std::string& where
   if (std::abs(file.width - camera.width / down) > coarse &&
       std::abs(file.height - camera.height / across) > coarse)
     fail(ErrorKind::data,
-         "{}: the image has {}x{} pixels and its camera {}x{}, which is another shape: use the images that "
-         "the "
-         "cameras were made from, or copies of them with width and height scaled alike",
+         "{}: the image has {}x{} pixels, but its camera has {}x{}, which is a different aspect ratio: use "
+         "the images that the cameras were created from, or copies of them with width and height scaled by "
+         "the same factor",
          where, file.width, file.height, camera.width, camera.height);
-  report.note(fmt::format("images have {}x{} pixels, the cameras {}x{} (ratio {:.3f}): intrinsics rescaled",
-                          file.width, file.height, camera.width, camera.height, across));
+  report.note(fmt::format(
+      "images have {}x{} pixels, but the cameras {}x{} (ratio {:.3f}): the intrinsics were rescaled",
+      file.width, file.height, camera.width, camera.height, across));
 }
 
 bool attach_image(View& view, const Lens& lens, const fs::path& file, const fs::path& mask,
                   const DatasetOptions& options, LoadReport& report) {
   const Lens actual = with_file(view, lens, file, report);
-  if (actual.distorted()) fail(ErrorKind::internal, "{}: a lens with distortion", file.string());
+  if (actual.distorted()) fail(ErrorKind::internal, "{}: the lens has distortion", file.string());
   set_view(view, lens, pinhole_plan(actual), file, mask, options);
   return !view.file.empty();
 }
@@ -137,11 +138,10 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
   for (const Undistortion& plan : plans) pixels += std::int64_t{plan.width} * plan.height;
   const Undistortion& first = plans[0];
   if (first.face.empty()) {
-    report.undistort(
-        pixels, fmt::format("undistorted {}x{} to {}x{} ({:.0f} degrees across, {:.0f} % of the picture left "
-                            "out) at the same focal length",
-                            actual.width, actual.height, first.width, first.height,
-                            degrees_across(actual.fx, first.cx, first.width), left_out));
+    report.undistort(pixels, fmt::format("undistorted {}x{} to {}x{} ({:.0f} degrees across, {:.0f} % of the "
+                                         "image is lost) with the same focal length",
+                                         actual.width, actual.height, first.width, first.height,
+                                         degrees_across(actual.fx, first.cx, first.width), left_out));
     set_view(base, lens, first, file, mask, options);
     views.push_back(std::move(base));
     return 1;
@@ -151,8 +151,7 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     faces.push_back(fmt::format("{} {}x{}", plan.face, plan.width, plan.height));
   report.undistort(
       pixels,
-      fmt::format("resampled {}x{} ({:.0f} degrees) to the views {} ({:.0f} % of the image "
-                  "left out)",
+      fmt::format("resampled {}x{} ({:.0f} degrees) to the views {} ({:.0f} % of the image is lost)",
                   actual.width, actual.height, degrees_covered(actual), fmt::join(faces, ", "), left_out));
   std::optional<Image8> mask_pixels;
   if (!mask.empty() && !base.file.empty() && options.load_images)
@@ -168,7 +167,7 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
     ++count;
   }
   if (count == 0)
-    fail(ErrorKind::data, "{}: the mask {} leaves no pixel of it", file.string(), mask.string());
+    fail(ErrorKind::data, "{}: the mask {} leaves no pixel of the image", file.string(), mask.string());
   ++report.wide_images, report.wide_views += count;
   return count;
 }

@@ -43,7 +43,8 @@ std::size_t stated_pixels(std::span<const std::byte> bytes, const std::string& n
     width = number() + 1;
     height = number() + 1;
   } else {
-    fail(ErrorKind::data, "{}: a lossy WebP image; these pixels are numbers", name);
+    fail(ErrorKind::data, "{}: this WebP image is lossy, but its pixels encode data and must be lossless",
+         name);
   }
   return width * height;
 }
@@ -67,7 +68,7 @@ std::vector<std::byte> encode_webp(const Rgba8& image) {
 
 Rgba8 decode_webp(std::span<const std::byte> bytes, std::size_t most_pixels, const std::string& name) {
   if (const std::size_t pixels = stated_pixels(bytes, name); pixels > most_pixels)
-    fail(ErrorKind::data, "{}: {} pixels, at most {} make sense", name, pixels, most_pixels);
+    fail(ErrorKind::data, "{}: {} pixels are too many: at most {} are expected", name, pixels, most_pixels);
   require_memory(kPixelBytes * stated_pixels(bytes, name), name);
   cv::Mat image;
   try {

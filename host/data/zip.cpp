@@ -58,7 +58,7 @@ std::map<std::string, ZipReader::Member> read_directory(ByteReader in, std::size
 
 void ZipWriter::add(const std::string& name, std::span<const std::byte> bytes) {
   if (out_.size() + bytes.size() > 0xf0000000u)
-    fail(ErrorKind::data, "{}: a ZIP archive has no room for more than 4 GB", name);
+    fail(ErrorKind::data, "{}: a ZIP archive cannot contain more than 4 GB", name);
   const std::uint32_t crc = crc32(bytes), at = static_cast<std::uint32_t>(out_.size());
   put_number(out_, kLocal), put_number(out_, kVersion);
   put_member(out_, crc, bytes.size(), name);
@@ -92,7 +92,7 @@ ZipReader::ZipReader(std::span<const std::byte> file, std::string name)
   std::size_t end = file_.size() - kEndBytes;
   const std::size_t first = end - std::min(end, kLongestComment);
   while (end > first && !is_end(end)) --end;
-  if (!is_end(end)) fail(ErrorKind::data, "{}: no ZIP archive, or truncated", name_);
+  if (!is_end(end)) fail(ErrorKind::data, "{}: not a ZIP archive, or truncated", name_);
   ByteReader tail(file_.subspan(end), name_);
   tail.skip(10);
   const auto count = tail.read<std::uint16_t>();
@@ -114,7 +114,7 @@ std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t mos
   if (found == members_.end()) fail(ErrorKind::data, "{}: not in the archive", name);
   const Member& m = found->second;
   if (m.size > most_bytes)
-    fail(ErrorKind::data, "{}: {} bytes, at most {} make sense", name, m.size, most_bytes);
+    fail(ErrorKind::data, "{}: {} bytes are too many: at most {} are expected", name, m.size, most_bytes);
   if (m.at > file_.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
   ByteReader in(file_.subspan(m.at), name);
   if (in.read<std::uint32_t>() != kLocal) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
@@ -122,7 +122,8 @@ std::vector<std::byte> ZipReader::get(const std::string& member, std::size_t mos
   const auto text = in.read<std::uint16_t>(), extra = in.read<std::uint16_t>();
   in.skip(std::size_t{text} + extra);
   if (m.flags & 1 || (m.method != 0 && m.method != 8))
-    fail(ErrorKind::data, "{}: encrypted, or packed with method {}: 0 and 8 are known", name, m.method);
+    fail(ErrorKind::data, "{}: encrypted, or compressed with method {}: only 0 and 8 are supported", name,
+         m.method);
   const auto packed = in.take(m.packed);
   if (m.size / kMaxDeflateRatio > packed.size()) fail(ErrorKind::data, "{}: damaged ZIP archive", name);
   std::vector<std::byte> bytes = m.method == 0 ? std::vector<std::byte>(packed.begin(), packed.end())

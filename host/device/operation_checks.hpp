@@ -17,7 +17,8 @@ namespace ubs {
 
 // Fails if a training stage is called on stages that were created without a backward pass.
 inline void check_backward(const KernelConfig& config, const char* stage) {
-  if (!config.backward) fail(ErrorKind::internal, "{}: these stages were made forward only", stage);
+  if (!config.backward)
+    fail(ErrorKind::internal, "{}: these stages were created without a backward pass", stage);
 }
 
 // For RasterForward and RasterBackward. slots: whether masks and slots are needed.
@@ -27,11 +28,11 @@ void check_raster(const Work& work, bool slots) {
     if (!holds) fail(ErrorKind::internal, "raster: {}", what);
   };
   const std::size_t intersections = work.sorted_ids.size;
-  require(work.shape.width > 0 && work.shape.height > 0, "image without pixels");
-  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges too short");
+  require(work.shape.width > 0 && work.shape.height > 0, "the image has no pixels");
+  require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges is too short");
   require(!slots || (work.sorted_slots.size >= intersections && work.masks.size >= intersections),
-          "sorted_slots or masks shorter than sorted_ids");
-  require(work.image.size >= 3 * work.shape.plane(), "image smaller than its three planes");
+          "sorted_slots or masks is shorter than sorted_ids");
+  require(work.image.size >= 3 * work.shape.plane(), "the image is smaller than its three planes");
 }
 
 // For RasterForward and RasterBackward with RasterKind::gpu: checks the size of the states in front of the
@@ -40,7 +41,8 @@ template <typename Work>
 void check_list_states(const Work& work) {
   const std::uint64_t needed = stage_sizes::list_state_floats(work.sorted_ids.size);
   if (work.states.size < needed)
-    fail(ErrorKind::internal, "raster: {} floats of list states, {} needed", work.states.size, needed);
+    fail(ErrorKind::internal, "raster: the list states have {} floats, but {} are needed", work.states.size,
+         needed);
 }
 // Returns the number of work-groups that the backward rasteriser launches, one per segment.
 inline std::uint64_t list_segments(const RasterBackward& work) {
@@ -53,35 +55,37 @@ inline void check_weights(const MeasureWeights& work) {
   };
   const std::size_t intersections = work.sorted_ids.size;
   require(work.masks.size >= intersections && work.sorted_slots.size >= intersections,
-          "lists of different lengths");
-  require(work.weights.size >= intersections, "weights shorter than the lists");
+          "the lists have different lengths");
+  require(work.weights.size >= intersections, "the weights are shorter than the lists");
 }
 
 // rows: number of parameters per splat.
 inline void check_view(const SplatView& splats, std::size_t rows) {
   if (splats.count > splats.stride || splats.stride % 64 != 0 || splats.params.size < rows * splats.stride)
-    fail(ErrorKind::internal, "{} splats with stride {} in {} rows of a buffer of {}", splats.count,
-         splats.stride, rows, splats.params.size);
+    fail(ErrorKind::internal, "{} splats with stride {} and {} rows do not fit into a buffer with {} values",
+         splats.count, splats.stride, rows, splats.params.size);
 }
 
 inline void check_camera_backward(const KernelConfig& config, const CameraBackward& work) {
   check_backward(config, "camera backward");
   if (config.frozen != 0)
-    fail(ErrorKind::internal, "camera backward: the stages leave out gradients of what is not learnt");
+    fail(ErrorKind::internal, "camera backward: the stages do not compute the gradients of frozen groups");
   if (work.lanes == 0 || work.lanes % 64 != 0 ||
       work.v_camera.size < static_cast<std::size_t>(kCameraGrads) * work.lanes)
-    fail(ErrorKind::internal, "camera backward: {} lanes in {} values", work.lanes, work.v_camera.size);
+    fail(ErrorKind::internal, "camera backward: {} lanes do not fit into {} values", work.lanes,
+         work.v_camera.size);
 }
 
 // learnt: number of trained rows.
 inline void check_adam(const AdamStep& step, std::size_t rows, std::size_t learnt) {
   check_view(step.splats, rows);
   if (step.learning_rates.size < rows)
-    fail(ErrorKind::internal, "Adam: {} learning rates for {} parameter rows", step.learning_rates.size,
-         rows);
+    fail(ErrorKind::internal, "Adam: the number of learning rates is {}, but there are {} parameter rows",
+         step.learning_rates.size, rows);
   const std::size_t values = learnt * step.splats.stride;
   if (step.v_params.size < values || step.moment1.size < values || step.moment2.size < values)
-    fail(ErrorKind::internal, "Adam: gradients and moments of {}, {} and {} values for {} rows of {}",
+    fail(ErrorKind::internal,
+         "Adam: gradients and moments have {}, {} and {} values, which is too few for {} rows of {}",
          step.v_params.size, step.moment1.size, step.moment2.size, learnt, step.splats.stride);
   if (step.step == 0) fail(ErrorKind::internal, "Adam: steps are counted from 1");
   if (step.sentinel.size > 0 && step.stamp == 0)
@@ -118,34 +122,40 @@ inline LossWeights weights_per_value(const ImageLoss& loss) {
 inline void check_image_loss(const ImageLoss& loss) {
   const ImageShape& shape = loss.shape;
   if (shape.width < 1 || shape.height < 1)
-    fail(ErrorKind::internal, "image loss: image of {} x {} pixels", shape.width, shape.height);
+    fail(ErrorKind::internal, "image loss: the image has {} x {} pixels", shape.width, shape.height);
   const std::size_t values =
       3 * static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
   const std::size_t target = loss.target.size > 0 ? loss.target.size : loss.target_float.size;
   if (target < values)
-    fail(ErrorKind::internal, "image loss: target of {} values, image of {}", target, values);
+    fail(ErrorKind::internal, "image loss: the target has {} values, but the image has {}", target, values);
   if (loss.mask.size > 0 && (loss.mask.size < values / 3 || loss.counted > values / 3))
-    fail(ErrorKind::internal, "image loss: mask of {} values, {} of which count, image of {} pixels",
+    fail(ErrorKind::internal,
+         "image loss: a mask of {} values, of which {} are set, does not match an image of {} pixels",
          loss.mask.size, loss.counted, values / 3);
   if (loss.image.size < 3 * shape.plane() || (loss.v_image.size > 0 && loss.v_image.size < 3 * shape.plane()))
-    fail(ErrorKind::internal, "image loss: image or gradient buffer smaller than its planes");
+    fail(ErrorKind::internal,
+         "image loss: the buffer of the image or of its gradient is smaller than its planes");
   if (loss.sums.size < loss.sums_offset + 8ull)
-    fail(ErrorKind::internal, "image loss: no room for 8 sums at {} of {}", loss.sums_offset, loss.sums.size);
+    fail(ErrorKind::internal, "image loss: 8 sums at index {} do not fit into {} values", loss.sums_offset,
+         loss.sums.size);
   if (loss.clamp && loss.v_image.size > 0)
-    fail(ErrorKind::internal, "image loss: clamping is for evaluation, without a gradient");
+    fail(ErrorKind::internal, "image loss: clamping is only supported for evaluation, without a gradient");
   const auto has_room = [](const BufferView<float>& numbers, std::uint32_t offset) {
     return numbers.size >= offset + std::size_t{kAppearanceNumbers};
   };
   if (loss.appearance.size > 0 &&
       (!has_room(loss.appearance, loss.appearance_offset) ||
        (loss.v_image.size > 0 && !has_room(loss.v_appearance, loss.v_appearance_offset))))
-    fail(ErrorKind::internal, "image loss: no 12 numbers of the image's appearance, or none of its gradient");
+    fail(ErrorKind::internal,
+         "image loss: there are fewer than 12 numbers of the appearance of the image, or of its gradient");
 }
 
 inline void check_sky(const DrawSky& a) {
   if (a.sky.size < kSkyNumbers || a.image.size < 3 * a.shape.plane() ||
       a.transmittance.size < a.shape.plane() || a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
-    fail(ErrorKind::internal, "sky: {} numbers, image of {} values and transmittance of {} for {}x{} pixels",
+    fail(ErrorKind::internal,
+         "sky: {} coefficients, an image of {} values or a transmittance of {} values is too small for {}x{} "
+         "pixels",
          a.sky.size, a.image.size, a.transmittance.size, a.shape.width, a.shape.height);
 }
 
@@ -153,22 +163,25 @@ inline void check_sky(const SkyGradient& a) {
   if (a.gradient.size < a.gradient_offset + std::size_t{kSkyNumbers} ||
       a.v_image.size < 3 * a.shape.plane() || a.transmittance.size < a.shape.plane() ||
       a.cameras.size < (a.camera + std::size_t{1}) * kCameraStride)
-    fail(ErrorKind::internal, "sky: no room for its gradient, or no image of {}x{} pixels", a.shape.width,
-         a.shape.height);
+    fail(ErrorKind::internal,
+         "sky: the buffer of the gradient is too small, or that of the image is too small for {}x{} pixels",
+         a.shape.width, a.shape.height);
 }
 
 inline void check_sky(const SkyStep& a) {
   if (a.state.size < kSkyState || a.gradient.size < std::size_t{a.views} * kSkyNumbers || a.step == 0 ||
       (a.sentinel.size > 0 && a.stamp == 0))
-    fail(ErrorKind::internal, "sky: step {} with a state of {} numbers and gradients of {} for {} views",
+    fail(ErrorKind::internal,
+         "sky: step {} is 0, or a state of {} numbers or gradients of {} numbers are too few for {} views",
          a.step, a.state.size, a.gradient.size, a.views);
 }
 
 inline void check_appearance(const AppearanceStep& step) {
   if (step.image >= step.images || step.state.size < std::size_t{step.images} * kAppearanceState ||
       step.gradient.size < step.gradient_offset + std::size_t{kAppearanceNumbers})
-    fail(ErrorKind::internal, "appearance of image {} of {}: {} numbers of state, {} of gradient", step.image,
-         step.images, step.state.size, step.gradient.size);
+    fail(ErrorKind::internal,
+         "appearance of image {} of {}: a state of {} numbers or a gradient of {} numbers is too small",
+         step.image, step.images, step.state.size, step.gradient.size);
 }
 
 }  // namespace ubs

@@ -60,9 +60,9 @@ class ParameterStages {
     check_view(a.splats, rows_);
     const u32 count = a.splats.count;
     if (a.target <= count) return;
-    if (count == 0) fail(ErrorKind::internal, "growth from no splats to {}", a.target);
+    if (count == 0) fail(ErrorKind::internal, "cannot grow from 0 splats to {}", a.target);
     if (a.target > a.splats.stride)
-      fail(ErrorKind::internal, "growth to {} splats with room for {}", a.target, a.splats.stride);
+      fail(ErrorKind::internal, "cannot grow to {} splats with a capacity of {}", a.target, a.splats.stride);
     replace(a.splats, a.moment1, a.moment2, {count, a.target - count, kDrawGrow, false, a.seed, a.iteration});
   }
   void run(const SamplingWeights& a) {

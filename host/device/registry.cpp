@@ -106,8 +106,8 @@ std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& device
          why);
   if (devices.empty())
     fail(ErrorKind::device,
-         "no compute device found; install a driver (NVIDIA's, an OpenCL one; for a CPU: pocl-opencl-icd, "
-         "which needs a folder that it can write to: POCL_CACHE_DIR, XDG_CACHE_HOME or HOME)");
+         "no compute device found: install the driver of NVIDIA or an OpenCL driver; for a CPU, install "
+         "pocl-opencl-icd, which needs a writable folder (POCL_CACHE_DIR, XDG_CACHE_HOME or HOME)");
   const std::string wanted = !request.empty() ? request : environment("UBS_DEVICE");
   if (wanted.empty()) {
     std::vector<std::size_t> all(devices.size());

@@ -212,8 +212,8 @@ fs::path chosen() {
   tidy_driver_cache(folder);
   if (const std::size_t programs = heal_driver_cache(folder); programs > 0)
     warn_once(
-        fmt::format("{} of the compiled programs in {} were damaged, by a power cut perhaps; they are "
-                    "removed and compiled again",
+        fmt::format("{} of the compiled programs in {} were damaged, possibly by a power cut: they were "
+                    "removed and will be compiled again",
                     programs, folder.string()));
   static const fs::path kept = folder;
   std::atexit([] { record_driver_cache(kept); });

@@ -33,7 +33,10 @@ std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group) {
   if (kind != Exchange::khr) return "";  // these devices have waves of 32 or 64
   const std::size_t size = kernel.sub_group_size(group);
   if (size == 0) return "the driver does not tell the size of sub-groups";
-  return size % kRow == 0 ? "" : fmt::format("sub-groups have {} work-items, no multiple of {}", size, kRow);
+  return size % kRow == 0
+             ? ""
+             : fmt::format("the number of work-items of a sub-group is {}, which is not a multiple of {}",
+                           size, kRow);
 }
 
 std::string fault_of_values(OpenclDevice& device, Kernel check) {

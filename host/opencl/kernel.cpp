@@ -14,7 +14,7 @@ Kernel::Kernel(OpenclDevice& device, cl_program program, std::string name)
   cl_int code = CL_SUCCESS;
   kernel_.reset(clCreateKernel(program, name_.c_str(), &code));
   if (code != CL_SUCCESS)
-    fail(ErrorKind::internal, "kernel '{}' is missing in its program ({})", name_, error_name(code));
+    fail(ErrorKind::internal, "kernel '{}' is missing from its program ({})", name_, error_name(code));
   check(clGetKernelInfo(kernel_.get(), CL_KERNEL_NUM_ARGS, sizeof argument_count_, &argument_count_, nullptr),
         "clGetKernelInfo");
 }
@@ -45,9 +45,10 @@ cl_mem Kernel::memory_of(Memory* memory) {
 }
 
 void Kernel::check_count(std::size_t given) const {
-  if (!kernel_) fail(ErrorKind::internal, "launch of a kernel that was not created");
+  if (!kernel_) fail(ErrorKind::internal, "cannot launch a kernel that was not created");
   if (given != argument_count_)
-    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} given", name_, argument_count_, given);
+    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, but {} were passed", name_, argument_count_,
+         given);
 }
 
 void Kernel::check_types(std::span<const ParameterType> declared) const {
@@ -66,8 +67,8 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
     if (type.pointer) wanted += '*';
     const bool constant = (qualifier & CL_KERNEL_ARG_TYPE_CONST) != 0;
     if (code != CL_SUCCESS || compiled != wanted || (type.pointer && constant != type.constant))
-      fail(ErrorKind::internal, "kernel '{}', argument {}: '{}{}' is declared, '{}{}' compiled", name_, index,
-           type.constant ? "const " : "", wanted, constant ? "const " : "", compiled);
+      fail(ErrorKind::internal, "kernel '{}', argument {}: '{}{}' is declared, but '{}{}' was compiled",
+           name_, index, type.constant ? "const " : "", wanted, constant ? "const " : "", compiled);
     ++index;
   };
   for (const ParameterType& type : declared) {
@@ -75,7 +76,7 @@ void Kernel::check_types(std::span<const ParameterType> declared) const {
     if (type.times > 1) check_next({"uint", false, false});  // slot_bits
   }
   if (index > 0 && index != argument_count_ && index + 2 != argument_count_)  // core groups add two arguments
-    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, {} are declared", name_, argument_count_,
+    fail(ErrorKind::internal, "kernel '{}' takes {} arguments, but {} are declared", name_, argument_count_,
          index);
 }
 
@@ -112,7 +113,7 @@ std::size_t Kernel::sub_group_size(Range group) const {
 void Kernel::launch(Range global, Range local) {
   if (global.x == 0 || global.y == 0 || global.z == 0) return;
   if (global.x % local.x != 0 || global.y % local.y != 0 || global.z % local.z != 0)
-    fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is no multiple of local size {}x{}x{}",
+    fail(ErrorKind::internal, "kernel '{}': global size {}x{}x{} is not a multiple of local size {}x{}x{}",
          name_, global.x, global.y, global.z, local.x, local.y, local.z);
   const std::size_t sizes[3] = {global.x, global.y, global.z};
   const std::size_t groups[3] = {local.x, local.y, local.z};

@@ -15,7 +15,8 @@ PinnedBlock ReadBlocks::take(cl_context context, cl_command_queue queue) {
 LateRead::LateRead(ReadBlocks& blocks, cl_context context, cl_command_queue queue, cl_mem from,
                    std::size_t offset, std::size_t bytes)
     : blocks_(blocks), bytes_(bytes) {
-  if (bytes > ReadBlocks::kBytes) fail(ErrorKind::internal, "a late read of {} bytes", bytes);
+  if (bytes > ReadBlocks::kBytes)
+    fail(ErrorKind::internal, "a deferred read of {} bytes is not supported", bytes);
   block_ = blocks_.take(context, queue);
   cl_event event = nullptr;
   check(clEnqueueReadBuffer(queue, from, CL_FALSE, offset, bytes, block_.bytes(), 0, nullptr, &event),

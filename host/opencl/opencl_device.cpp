@@ -39,8 +39,8 @@ OpenclMemory::OpenclMemory(OpenclDevice& device, std::string label, std::size_t 
          this->label(), bytes >> 20, info.name, info.max_allocation_bytes >> 20);
   if (device.allocated_bytes() + bytes > info.memory_bytes)
     fail(ErrorKind::memory,
-         "buffer '{}' needs {} MiB more than the {} of {} MiB in use on {}; "
-         "use fewer splats or smaller images{}",
+         "buffer '{}' needs {} MiB in addition to the {} of {} MiB in use on {}; use fewer splats or smaller "
+         "images{}",
          this->label(), bytes >> 20, device.allocated_bytes() >> 20, info.memory_bytes >> 20, info.name,
          memory_limits_text());
   if (info.type == DeviceType::cpu) memory_ = make_in_huge_pages(device.context(), bytes);
@@ -298,8 +298,8 @@ Kernel OpenclDevice::kernel(const ProgramSpec& spec, const std::string& name) {
                    [&] { return clBuildProgram(built.get(), 1, &device_, flags.c_str(), nullptr, nullptr); });
     if (code != CL_SUCCESS)
       fail(process_memory().scarce() ? ErrorKind::memory : ErrorKind::build,
-           "kernels {} do not build on {} ({}) with options '{}':\n{}", files, info_.name, error_name(code),
-           flags, build_log(built.get(), device_));
+           "kernels {} cannot be built on {} ({}) with options '{}':\n{}", files, info_.name,
+           error_name(code), flags, build_log(built.get(), device_));
     program = std::move(built);
   }
   kernels_[{files, flags}].insert(name);

@@ -155,8 +155,8 @@ std::vector<cl_device_id> devices_of(cl_platform_id platform) {
 void add_devices(cl_platform_id platform, const std::string& name, std::vector<Entry>& all) {
   if (name == kPocl && !driver_has_folder())
     fail(ErrorKind::data,
-         "it would run compiled kernels from a folder that anybody may have made: set POCL_CACHE_DIR, "
-         "XDG_CACHE_HOME or HOME");
+         "it would run compiled kernels from a folder that another user may have created: set "
+         "POCL_CACHE_DIR, XDG_CACHE_HOME or HOME");
   std::size_t number = 0;
   for (cl_device_id device : devices_of(platform))
     add_if_sound(fmt::format("device {} of the OpenCL platform '{}'", number++, name), [&] {

@@ -127,8 +127,8 @@ KernelSet& Raster::raster(bool pieces) {
 void Raster::run(const RasterForward& work) {
   check_raster(work, on_cpu(config_) ? config_.backward : work.masks.size > 0);
   if (!on_cpu(config_) && work.masks.size > 0) check_list_states(work);
-  require(work.transmittance.size >= work.shape.plane(), "transmittance smaller than its plane");
-  require(!config_.depth || work.depth.size >= work.shape.plane(), "depth smaller than its plane");
+  require(work.transmittance.size >= work.shape.plane(), "the transmittance is smaller than its plane");
+  require(!config_.depth || work.depth.size >= work.shape.plane(), "the depth is smaller than its plane");
   KernelSet& kernels = raster(false);
   const auto tiles = static_cast<std::size_t>(work.shape.tiles());
   const std::size_t parts =
@@ -163,7 +163,7 @@ void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   if (!on_cpu(config_)) check_list_states(work);
-  require(work.v_image.size >= 3 * work.shape.plane(), "v_image smaller than its three planes");
+  require(work.v_image.size >= 3 * work.shape.plane(), "v_image is smaller than its three planes");
   KernelSet& kernels = raster(work.slots.count > 1);
   with_lists(work, [&](const auto&... lists) {
     if (on_cpu(config_))
@@ -178,9 +178,9 @@ void Raster::run(const RasterBackward& work) {
 void Raster::run(const SumSlots& work) {
   check_backward(config_, "sum of slots");
   require(work.tile_counts.size >= work.count && work.slot_offsets.size >= work.count,
-          "tile_counts or slot_offsets shorter than count");
+          "tile_counts or slot_offsets is shorter than count");
   require(work.v_records.size >= static_cast<std::size_t>(work.count) * kGradStride,
-          "v_records shorter than count");
+          "v_records is shorter than count");
   const std::size_t items = on_cpu(config_) ? 1 : kGradStride;  // per splat
   const std::size_t groups = round_up(work.count * items, sum_group_) / sum_group_;
   KernelSet& kernels = raster(work.slots.count > 1);

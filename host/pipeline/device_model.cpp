@@ -24,8 +24,9 @@ DeviceModel::DeviceModel(Device& device, const SplatModel& model, std::size_t ca
 
 void DeviceModel::upload(const SplatModel& model) {
   if (model.count > stride_ || model.dim != layout_.dim || model.variant != layout_.variant)
-    fail(ErrorKind::internal, "{} splats of N = {} do not fit a model of N = {} with room for {}",
-         model.count, model.dim, layout_.dim, stride_);
+    fail(ErrorKind::internal,
+         "{} splats with N = {} do not fit into a model with N = {} and a capacity of {}", model.count,
+         model.dim, layout_.dim, stride_);
   count_ = static_cast<std::uint32_t>(model.count);
   params_.zero();
   for (int r = 0; r < layout_.count; ++r) params_.upload(model.row(r), static_cast<std::size_t>(r) * stride_);

@@ -112,7 +112,7 @@ void backward_from_image(Device& device, Renderer& renderer, const ImageGradient
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
   if ((!v.rgb.empty() && v.rgb.size() != 3 * pixels) || (!v.alpha.empty() && v.alpha.size() != pixels) ||
       (!v.depth.empty() && v.depth.size() != pixels))
-    fail(ErrorKind::internal, "gradients of {} colours, {} alphas and {} depths for {}x{} pixels",
+    fail(ErrorKind::internal, "gradients of {} colours, {} alphas and {} depths do not match {}x{} pixels",
          v.rgb.size(), v.alpha.size(), v.depth.size(), shape.width, shape.height);
   std::vector<float> before;
   if (v.depth.empty() || v.rgb_on_device || !v.rgb.empty() || !v.alpha.empty()) {

@@ -43,7 +43,7 @@ void ImageMetrics::check_size(PlanarSize size) const {
   const std::uint64_t needed = lpips_bytes(size), all = device_.info().memory_bytes;
   if (needed > all)
     fail(ErrorKind::memory,
-         "LPIPS of {} x {} pixels needs {} MiB, {} has {} MiB; use a smaller network or --downscale",
+         "LPIPS of {} x {} pixels needs {} MiB, but {} has {} MiB: use a smaller network or --downscale",
          size.width, size.height, needed >> 20, device_.info().name, all >> 20);
 }
 

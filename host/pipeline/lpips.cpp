@@ -47,7 +47,7 @@ Lpips::Convolution Lpips::load(const TensorFile& file, const std::string& name, 
       weight.shape != std::vector<std::size_t>{out, static_cast<std::size_t>(in), window, window} ||
       bias.shape != std::vector<std::size_t>{out})
     fail(ErrorKind::data,
-         "{}: '{}' has weights {} and bias {}; the network '{}' needs (n, {}, {}, {}) and (n)",
+         "{}: '{}' has weights {} and bias {}, but the network '{}' needs (n, {}, {}, {}) and (n)",
          file.path.string(), name, shape_text(weight), shape_text(bias), network_->name, in, window, window);
   return {layer, static_cast<int>(out), in, upload(weight, "network weights"),
           upload(bias, "network weights")};
@@ -69,8 +69,8 @@ Lpips::Stage Lpips::load_stage(const TensorFile& file, const Layer& layer, int c
     const std::string head = fmt::format("lin{}.weight", taps++);
     const Tensor& weight = file.at(head);
     if (weight.shape != std::vector<std::size_t>{1, static_cast<std::size_t>(channels), 1, 1})
-      fail(ErrorKind::data, "{}: '{}' has shape {}; the network '{}' needs (1, {}, 1, 1)", file.path.string(),
-           head, shape_text(weight), network_->name, channels);
+      fail(ErrorKind::data, "{}: '{}' has shape {}, but the network '{}' needs (1, {}, 1, 1)",
+           file.path.string(), head, shape_text(weight), network_->name, channels);
     stage.head = upload(weight, "network weights");
   }
   return stage;
@@ -79,7 +79,8 @@ Lpips::Stage Lpips::load_stage(const TensorFile& file, const Layer& layer, int c
 void Lpips::check_size(PlanarSize size) const {
   const int least = smallest_side(*network_);
   if (size.width < least || size.height < least)
-    fail(ErrorKind::data, "LPIPS with '{}' needs images of at least {} x {} pixels, but this one has {} x {}",
+    fail(ErrorKind::data,
+         "LPIPS with '{}' needs images of at least {} x {} pixels, but this image has {} x {}",
          network_->name, least, least, size.width, size.height);
 }
 

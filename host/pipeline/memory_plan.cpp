@@ -212,17 +212,18 @@ double MemoryPlan::each(MemoryUnit unit) const {
 MemoryPlan plan_memory(const MemoryQuestion& question) { return Planner(question).plan(); }
 
 std::string summary(const MemoryPlan& plan) {
-  return fmt::format("predicted {:.1f} MiB ({:.0f} B a splat, {:.0f} B a pixel, {:.0f} B an intersection)",
-                     static_cast<double>(plan.total()) / (1 << 20), plan.each(MemoryUnit::splat),
-                     plan.each(MemoryUnit::pixel), plan.each(MemoryUnit::intersection));
+  return fmt::format(
+      "predicted {:.1f} MiB ({:.0f} B per splat, {:.0f} B per pixel, {:.0f} B per intersection)",
+      static_cast<double>(plan.total()) / (1 << 20), plan.each(MemoryUnit::splat),
+      plan.each(MemoryUnit::pixel), plan.each(MemoryUnit::intersection));
 }
 
 std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device) {
   const MemoryItem& largest = plan.largest();
   if (largest.bytes > device.max_allocation_bytes)
     return fmt::format(
-        "'{}' needs {} MiB, but {} allocates at most {} MiB in one piece: use fewer splats or "
-        "smaller images",
+        "'{}' needs {} MiB, but {} allocates at most {} MiB in one buffer: use fewer splats or smaller "
+        "images",
         largest.label, largest.bytes >> 20, device.name, device.max_allocation_bytes >> 20);
   for (const MemoryItem& item : plan.items) {
     if (!item.splits) continue;
@@ -231,8 +232,8 @@ std::string memory_shortage(const MemoryPlan& plan, const DeviceInfo& device) {
         SlotStore::most(device, static_cast<unsigned>(slot_bytes / sizeof(float))) * slot_bytes;
     if (item.bytes > slots)
       return fmt::format(
-          "'{}' needs {} MiB, but {} has room for {} MiB of them ({} MiB in one piece): use fewer "
-          "splats or smaller images",
+          "'{}' needs {} MiB, but {} has room for only {} MiB ({} MiB in one buffer): use fewer splats or "
+          "smaller images",
           item.label, item.bytes >> 20, device.name, slots >> 20, device.max_allocation_bytes >> 20);
   }
   const std::string limits = memory_limits_text();

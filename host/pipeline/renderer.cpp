@@ -118,11 +118,12 @@ void Renderer::set_cameras(const std::vector<Camera>& cameras) {
   std::vector<float> records;
   for (const Camera& camera : cameras) {
     if (camera.width < 1 || camera.height < 1)
-      fail(ErrorKind::data, "a camera has the image size {}x{}", camera.width, camera.height);
+      fail(ErrorKind::data, "the image size {}x{} of a camera is not possible", camera.width, camera.height);
     const ImageShape shape{camera.width, camera.height};
     if (std::max(shape.tiles_x(), shape.tiles_y()) > static_cast<int>(kMaxTilesAcross))
-      fail(ErrorKind::usage, "an image of {}x{} pixels is larger than {} tiles across", camera.width,
-           camera.height, kMaxTilesAcross);
+      fail(ErrorKind::usage,
+           "an image of {}x{} pixels is too large: at most {} tiles per row and column are supported",
+           camera.width, camera.height, kMaxTilesAcross);
     const std::vector<float> record = camera_record(camera);
     records.insert(records.end(), record.begin(), record.end());
   }
@@ -157,8 +158,8 @@ BufferView<float> Renderer::v_image(const ImageShape& shape) {
 void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   if (totals.intersections > 0xffffffffu)
     fail(ErrorKind::memory,
-         "{} splats make {} intersections with the {} tiles of a {}x{} image; at most 2^32 - 1 "
-         "are possible: use smaller images or splats",
+         "{} splats have {} intersections with the {} tiles of a {}x{} image, but at most 2^32 - 1 are "
+         "possible: use smaller images or splats",
          totals.visible, totals.intersections, shape_.tiles(), shape_.width, shape_.height);
   const std::size_t n = totals.intersections;
   const DeviceInfo& info = device_.info();
@@ -167,14 +168,14 @@ void Renderer::reserve_lists(const ListTotals& totals, bool for_backward) {
   const std::size_t listed = std::max(n * sizeof(std::uint32_t), states), each = floats * sizeof(float);
   if (listed > info.max_allocation_bytes)
     fail(ErrorKind::memory,
-         "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} "
-         "allocates at most {} MiB in one piece: use smaller images or splats",
+         "{} intersections of splats and tiles ({}x{} image) need a buffer of {} MiB, but {} allocates at "
+         "most {} MiB in one buffer: use smaller images or splats",
          n, shape_.width, shape_.height, listed >> 20, info.name, info.max_allocation_bytes >> 20);
   const std::uint64_t most = std::min(SlotStore::most(info, floats), info.memory_bytes / each);
   if (for_backward && n > most)
     fail(ErrorKind::memory,
-         "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} "
-         "has room for {} MiB of them ({} MiB of memory, {} MiB in one piece): use smaller images or splats",
+         "{} intersections of splats and tiles ({}x{} image) need {} MiB of gradient slots, but {} has room "
+         "for only {} MiB ({} MiB of memory, {} MiB in one buffer): use smaller images or splats",
          n, shape_.width, shape_.height, n * each >> 20, info.name, most * each >> 20,
          info.memory_bytes >> 20, info.max_allocation_bytes >> 20);
   reserve(device_, sorted_ids_, "sorted splats", n);
@@ -222,10 +223,11 @@ void Renderer::project(bool for_backward) {
 
 void Renderer::choose(std::span<const RenderGroup> groups, std::uint32_t camera,
                       const RenderSettings& settings, bool for_backward) {
-  if (camera >= cameras_.size()) fail(ErrorKind::internal, "view {} of {} cameras", camera, cameras_.size());
+  if (camera >= cameras_.size())
+    fail(ErrorKind::internal, "view {} does not exist: there are {} cameras", camera, cameras_.size());
   for (const RenderGroup& group : groups)
     if (for_backward && !group.stages->config().backward)
-      fail(ErrorKind::internal, "a view for backward from stages that were made forward only");
+      fail(ErrorKind::internal, "the gradient of a view requires stages with a backward pass");
   shape_ = {cameras_[camera].width, cameras_[camera].height};
   groups_.assign(groups.begin(), groups.end());
   camera_ = camera;
@@ -381,7 +383,8 @@ void Renderer::backward(std::span<const BufferView<float>> v_params, bool accumu
 
 void Renderer::backward_from_records(std::span<const BufferView<float>> v_params, bool accumulate) {
   if (v_params.size() != groups_.size())
-    fail(ErrorKind::internal, "gradients of {} groups for {}", v_params.size(), groups_.size());
+    fail(ErrorKind::internal, "gradients of {} groups do not match {} groups", v_params.size(),
+         groups_.size());
   std::uint32_t first = 0;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     groups_[g].stages->project_backward(projection_of(groups_[g], first, v_params[g], accumulate));
@@ -419,7 +422,8 @@ CameraGradient Renderer::camera_gradient() {
 }
 
 void Renderer::learn(bool accumulate, const Regularise& penalty, const AdamStep& step) {
-  if (groups_.size() != 1) fail(ErrorKind::internal, "learning of {} groups at once", groups_.size());
+  if (groups_.size() != 1)
+    fail(ErrorKind::internal, "an optimisation step supports one group, not {}", groups_.size());
   groups_[0].stages->learn({projection_of(groups_[0], 0, step.v_params, accumulate), penalty, step});
 }
 

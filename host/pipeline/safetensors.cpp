@@ -57,7 +57,7 @@ class HeaderReader {
     const std::size_t count = read_shape(name, entry["shape"], result.shape);
     const Range range = read_range(name, entry["data_offsets"]);
     if (range.end - range.begin != count * sizeof(float))
-      refuse(name, "{} values in {} bytes", count, range.end - range.begin);
+      refuse(name, "{} values cannot be stored in {} bytes", count, range.end - range.begin);
     result.values.resize(count);
     if (count > 0) std::memcpy(result.values.data(), values_.data() + range.begin, count * sizeof(float));
     if (!std::ranges::all_of(result.values, [](float v) { return std::isfinite(v); }))

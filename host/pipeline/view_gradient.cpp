@@ -15,15 +15,16 @@ ViewLoss view_loss(Device& device, Stages& stages, Renderer& renderer, std::span
   const std::size_t expected =
       3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   if (target.size() != expected)
-    fail(ErrorKind::data, "the target has {} values, the view {}x{} needs {}", target.size(), camera.width,
-         camera.height, expected);
+    fail(ErrorKind::data, "the target has {} values, but the view {}x{} needs {}", target.size(),
+         camera.width, camera.height, expected);
   if (stages.config().frozen != 0)
-    fail(ErrorKind::internal, "the gradient of a view has all parameters, but the stages leave some out");
+    fail(ErrorKind::internal,
+         "the gradient of a view contains all parameters, but the stages do not compute some of them");
   renderer.set_cameras({camera});
   Buffer<float> target_buffer(device, "target image", target.size());
   target_buffer.upload(target);
   if (!mask.empty() && mask.size() != expected / 3)
-    fail(ErrorKind::data, "the mask has {} values, the view {}x{} needs {}", mask.size(), camera.width,
+    fail(ErrorKind::data, "the mask has {} values, but the view {}x{} needs {}", mask.size(), camera.width,
          camera.height, expected / 3);
   Buffer<std::uint8_t> mask_buffer;
   if (!mask.empty()) {

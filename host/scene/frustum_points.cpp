@@ -33,7 +33,8 @@ void take_colours(PointCloud& cloud, std::span<const View> views, const CounterR
 PointCloud sample_frusta(std::span<const View> views, std::span<const std::array<double, 2>> bounds,
                          std::size_t count, std::uint64_t seed, PointColours colours) {
   if (views.empty() || views.size() != bounds.size())
-    fail(ErrorKind::internal, "{} views with {} depth bounds", views.size(), bounds.size());
+    fail(ErrorKind::internal, "the number of views is {}, but {} of them have depth bounds", views.size(),
+         bounds.size());
   const CounterRandom random(seed, kStream);
   PointCloud cloud;
   cloud.colours.assign(count, {kGrey, kGrey, kGrey});

@@ -39,14 +39,14 @@ std::string to_string(const MixedModel& model) {
 }
 
 void check_groups(const MixedModel& model) {
-  if (model.groups.empty()) fail(ErrorKind::internal, "a model without groups");
+  if (model.groups.empty()) fail(ErrorKind::internal, "the model has no groups of splats");
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     if (!(model.groups[g].variant == model.variant()))
-      fail(ErrorKind::internal, "groups of different forms: '{}' and '{}'", to_string(model.variant()),
-           to_string(model.groups[g].variant));
+      fail(ErrorKind::internal, "the groups of the model have different forms: '{}' and '{}'",
+           to_string(model.variant()), to_string(model.groups[g].variant));
     for (std::size_t other = 0; other < g; ++other)
       if (model.groups[other].dim == model.groups[g].dim)
-        fail(ErrorKind::internal, "two groups of N = {}", model.groups[g].dim);
+        fail(ErrorKind::internal, "the model has two groups with N = {}", model.groups[g].dim);
   }
 }
 

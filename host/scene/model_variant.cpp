@@ -76,7 +76,7 @@ void set_switch(ModelVariant& variant, std::string_view key, std::string_view va
         variant = variant_from_numbers(numbers);
         return;
       }
-    fail(ErrorKind::data, "{}: '{}' is not a value of {}: expected {}", origin, value, key,
+    fail(ErrorKind::data, "{}: '{}' is not a value of {}: expected one of {}", origin, value, key,
          kVariantSwitches[i].values);
   }
   fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}): the file may come from a newer version", origin,

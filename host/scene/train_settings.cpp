@@ -264,9 +264,11 @@ void validate(const TrainSettings& s) {
   pyramid_steps(s);
   share_points(s);
   if (s.refine.first > s.refine.end || s.refine.step < 1)
-    fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, not falling", to_string(s.refine));
+    fail(ErrorKind::usage, "refine = {} must be FIRST:END:STEP, and END must not be smaller than FIRST",
+         to_string(s.refine));
   if (s.frames.empty())
-    fail(ErrorKind::usage, "frames = {} has no frame: END must be above FIRST", to_string(s.frames));
+    fail(ErrorKind::usage, "frames = {} selects no frame: END must be larger than FIRST",
+         to_string(s.frames));
 }
 
 static RunInterval run_interval(const char* key, const std::string& text) {
@@ -305,8 +307,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
     if (!take_number(at, end, ':', point.iteration) || !take_number(at, end, ',', point.share) ||
         point.iteration <= before.iteration || !(point.share > before.share) || !(point.share <= 1))
       fail(ErrorKind::usage,
-           "work_shares must be empty, or rising iterations, each with the rising share of the work that is "
-           "done after it, such as 90:0.05,200:0.1; the first wrong entry follows '{}:{}'",
+           "work_shares must be empty, or a list of increasing iterations and increasing shares of the work "
+           "that is done after them, such as 90:0.05,200:0.1; the first invalid entry follows '{}:{}'",
            before.iteration, before.share);
     points.push_back(point);
   }
@@ -314,8 +316,8 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
   const SharePoint last = points.back();
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
-         "work_shares belongs to a number of iterations: a share of {} after iteration {} does not fit a run "
-         "of {}: pass both, or neither",
+         "work_shares belongs to a number of iterations: a share of {} after iteration {} does not match a "
+         "run of {} iterations: pass both settings, or neither",
          last.share, last.iteration, s.iterations);
   return points;
 }
@@ -337,8 +339,8 @@ std::vector<PyramidStep> pyramid_steps(const TrainSettings& s) {
     if (!take_number(at, end, ':', step.factor) || !take_number(at, end, ',', step.share) ||
         step.factor < 2 || step.factor >= before.factor || !(step.share > before.share) || !(step.share < 1))
       fail(ErrorKind::usage,
-           "pyramid = '{}' must be empty, or falling factors from {} to 2, each with the share of the "
-           "iterations at which it ends, such as 4:0.2,2:0.5",
+           "pyramid = '{}' must be empty, or a list of falling factors from {} to 2, each with the share "
+           "of the iterations at which it ends, such as 4:0.2,2:0.5",
            s.pyramid, kMaxPyramidFactor);
     steps.push_back(step);
   }

@@ -28,7 +28,7 @@ std::string summary(const NonFiniteEvent& event, const TrainingViews& views) {
   if (const std::int64_t view = event.source.view; view >= 0)
     text += fmt::format(", view '{}'", views.train().views[static_cast<std::size_t>(view)].name);
   if (!event.splats.empty()) text += fmt::format(", splat {}", event.splats.front());
-  if (event.splats.size() > 1) text += fmt::format(" (and {} splats more)", event.splats.size() - 1);
+  if (event.splats.size() > 1) text += fmt::format(" (and {} more splats)", event.splats.size() - 1);
   return text;
 }
 
@@ -121,7 +121,7 @@ TrainState Guard::answer(const NonFiniteEvent& event, TrainState s, TrainingView
       kFewDropped, static_cast<std::uint64_t>(kMaxDroppedShare * static_cast<double>(s.model.count)));
   if (const std::uint64_t all = s.dropped + event.splats.size(); all > most)
     stop(fmt::format("stopped: {} splats would have been dropped, more than {}", all, most));
-  go_on(fmt::format("{} splats made dead", event.splats.size()));
+  go_on(fmt::format("dropped {} splats", event.splats.size()));
   kill_splats(s, event.splats);
   for (std::uint64_t draw = first; draw < end; ++draw)  // the losses of these draws may not be finite either
     s.skipped_draws.insert(draw);

@@ -44,7 +44,9 @@ std::vector<float> LearntSky::state() const {
 
 void LearntSky::load(std::span<const float> state) {
   if (state.size() != (gradients_ ? kSkyState : 0))
-    fail(ErrorKind::internal, "{} numbers of a learnt background", state.size());
+    fail(ErrorKind::internal,
+         "the state of the learnt background has {} numbers, which does not match the settings",
+         state.size());
   if (gradients_) passes_.renderer().set_sky(passes_.settings().sky.value(), state);
 }
 

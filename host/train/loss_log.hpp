@@ -25,7 +25,7 @@ class LossLog {
   std::vector<float> download() const { return sums_.download(); }
   void load(const std::vector<float>& sums) {
     if (sums.size() != sums_.size())
-      fail(ErrorKind::internal, "{} loss sums for {}", sums.size(), sums_.size());
+      fail(ErrorKind::internal, "the state has {} loss sums instead of {}", sums.size(), sums_.size());
     sums_.upload(sums);
   }
   // Returns the loss of a draw. `sums` is the result of download().

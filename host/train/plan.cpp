@@ -237,7 +237,7 @@ RunPlan plan_training(Device& device, const TrainSettings& asked, const Split& t
   else {
     try {
       if (plan.end.splats > kMaxCopied)
-        fail(ErrorKind::memory, "the plan copies at most {} splats", kMaxCopied);
+        fail(ErrorKind::memory, "the estimate supports at most {} splats", kMaxCopied);
       measure_end(trainer, measuring, train, initial, views, counts, plan);
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory) throw;

@@ -67,7 +67,8 @@ WorkTime::WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
   const auto cost_at = [&](double share) -> const StepCost& {
     const int factor = factor_at(levels, share);
     const auto cost = std::ranges::find(costs, factor, &StepCost::factor);
-    if (cost == costs.end()) fail(ErrorKind::internal, "no cost of images reduced by {}", factor);
+    if (cost == costs.end())
+      fail(ErrorKind::internal, "the cost of images that are reduced by {} has not been measured", factor);
     return *cost;
   };
   left_.assign(kSamples + 1, 0);

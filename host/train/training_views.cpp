@@ -98,15 +98,15 @@ std::vector<float> TrainingViews::appearance() const {
 
 void TrainingViews::set_appearance(std::span<const float> values) {
   if (values.size() != appearance_.size())
-    fail(ErrorKind::internal, "{} numbers of the images' appearance for {}", values.size(),
+    fail(ErrorKind::internal, "the state of the appearance has {} numbers instead of {}", values.size(),
          appearance_.size());
   if (appearance_) appearance_.upload(values);
 }
 
 void TrainingViews::set_refined(std::span<const double> state) {
   if (refiner_.has_value() == state.empty())
-    fail(ErrorKind::internal, "{} numbers of refined cameras for a run that {}", state.size(),
-         refiner_ ? "refines them" : "does not");
+    fail(ErrorKind::internal, "the state has {} numbers of refined cameras, but the run {}", state.size(),
+         refiner_ ? "refines cameras" : "does not refine cameras");
   if (refiner_) refiner_->set_state(state);
 }
 

@@ -26,7 +26,7 @@ UBS_KERNEL void pick_drawn(UBS_GLOBAL const float* records, UBS_GLOBAL const uin
   to[kRectY] = tile_rects[2 * (size_t)i + 1];
 }
 
-// Restores the depth keys, tile rectangles and tile counts, which the lists need in addition, from the records.
+// Restores the depth keys, tile rectangles and tile counts from the records. The lists need these values in addition.
 UBS_KERNEL void unpack_drawn(UBS_GLOBAL float* records, uint count, UBS_GLOBAL uint* depth_keys,
                              UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
   uint i = UBS_GLOBAL_ID(0);

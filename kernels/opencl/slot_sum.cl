@@ -2,8 +2,8 @@
 // Computes the gradient of each projected splat on CPUs from its slots, one per tile that it reaches. raster_cpu.cl has
 // stored sums over pixels there. They are added in slot order and then multiplied by the factors of blend_factors(),
 // which are the same in every tile. Slots with mask 0 were never written and may contain anything, including NaN. They
-// are read all the same and cleared by AND. A branch that skips them would often be mispredicted, and would leave gaps
-// in the stream of reads. (If half of the slots are unwritten, reading all of them is 1.4x faster than skipping.)
+// are also read, and then set to zero by AND. A branch that skips them would often be mispredicted, and would leave
+// gaps in the stream of reads. (If half of the slots are unwritten, reading all of them is 1.4x faster than skipping.)
 
 UBS_FN float16 sum_of_slots(uint first, uint last, UBS_SLOTS(__global const float*), __global const ushort* masks) {
   float16 sum = (float16)(0.0f);

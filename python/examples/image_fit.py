@@ -17,7 +17,7 @@ RATES = {"means": 0.01, "scales": 0.02, "quats": 0.01, "opacities": 0.05, "color
 
 
 def start(count: int) -> dict[str, torch.Tensor]:
-    """Random Gaussians in a box that the camera of render() sees."""
+    """Returns random Gaussians in a box that is visible from the camera of render()."""
     return {
         "means": torch.rand(count, 3) * torch.tensor([2.0, 2.0, 1.0]) - torch.tensor([1.0, 1.0, 0.5]),
         "scales": torch.full((count, 3), 0.5 / count**0.5).log(),

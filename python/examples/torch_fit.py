@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains a model with PyTorch's Adam and a custom loss: python torch_fit.py DATA MODEL.ply [STEPS].
 
-`ubs synth glossy --out DATA` makes data. This example shows the interface. ubs.train() is faster and can add splats."""
+`ubs synth glossy --out DATA` creates data. This example shows the interface. ubs.train() is faster and can add
+splats."""
 
 from __future__ import annotations
 

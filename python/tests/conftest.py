@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small data set of `ubs`. UBS_EXECUTABLE and UBS_LAB_EXECUTABLE are the paths of `ubs` and `ubs-lab`."""
+"""Fixtures with a small data set, which `ubs` creates. UBS_EXECUTABLE and UBS_LAB_EXECUTABLE are the paths of `ubs` and
+`ubs-lab`."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-# Other tests compare devices with float64; what somebody has tuned on this machine is not what is tested.
+# Other tests compare devices with float64. Constants that were tuned on this machine must not be used.
 os.environ.setdefault("UBS_CHECK", "off")
 os.environ["UBS_TUNING"] = "off"
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a call of model.render costs beyond the device's time for the same pictures, which `ubs eval` measures by the
+"""Measures the overhead of a call of model.render over the time of the device for the same images, which `ubs eval`
+measures by the
 device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. Into a new array each time, whose
 page faults count, into one that is there, and left where the device drew it. By turns, and the least of several,
 because other work on the machine adds to all. A model of one splat leaves little else than overhead."""

@@ -36,7 +36,7 @@ def place(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 
 @pytest.mark.parametrize("package", ["numpy", "torch", "jax"])
 def test_examples_of_python(place: Path, package: str) -> None:
-    pytest.importorskip(package, reason=f"SKIPPED: {package} is not there")
+    pytest.importorskip(package, reason=f"SKIPPED: {package} is not installed")
     names: dict[str, Any] = {}
     ran = []
     for text in examples("python.md", "python"):
@@ -50,7 +50,7 @@ def test_examples_of_python(place: Path, package: str) -> None:
 
 
 def test_example_of_gsplat(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+    pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
     (text,) = examples("gsplat.md", "python")
     names: dict[str, Any] = {}
     exec(compile(text, "docs/gsplat.md", "exec"), names)

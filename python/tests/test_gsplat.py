@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ubs.gsplat against the formulas of 3D Gaussian Splatting, written here in float64, pixels and gradients."""
+"""Compares pixels and gradients of ubs.gsplat with the formulas of 3D Gaussian Splatting, implemented here in
+float64."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 
 import ubs  # noqa: E402
 import ubs.gsplat  # noqa: E402
@@ -52,7 +53,7 @@ def scene(splats: int = 120, channels: int = 3, cameras: int = 2, seed: int = 1,
 
 
 def rotations(quats: Any) -> Any:
-    """Columns are the axes turned by q v q*."""
+    """Returns the rotation matrix of a quaternion. Its columns are the axes rotated by q v q*."""
     q = quats / quats.norm(dim=-1, keepdim=True)
     w, v = q[:, :1, None], q[:, 1:]
     outer = v[:, :, None] * v[:, None, :]
@@ -64,7 +65,7 @@ def rotations(quats: Any) -> Any:
 
 
 def pixel_of(model: str, p: Any, k: Any) -> Any:
-    """Where points (n, 3) of a camera are seen."""
+    """Returns the pixel positions of points (n, 3) in camera coordinates."""
     x, y, z = p.unbind(-1)
     if model == "pinhole":
         x, y = x / z, y / z
@@ -76,8 +77,8 @@ def pixel_of(model: str, p: Any, k: Any) -> Any:
 
 
 def ellipse(model: str, p: Any, spread: Any, k: Any) -> Any:
-    """Covariances (n, 2, 2) by the derivative of pixel_of, at the published place: x / z no farther out than 15 % of the
-    image."""
+    """Returns covariances (n, 2, 2) from the derivative of pixel_of. As published, it is evaluated at x / z no farther
+    out than 15 % of the image."""
     at = p.clone()
     if model == "pinhole":
         low = torch.stack([-k[0, 2] / k[0, 0], -k[1, 2] / k[1, 1]])
@@ -121,8 +122,8 @@ def truth(
     s: Tensors, camera: int, shift: Any, model: str = "pinhole", degree: int | None = None, mode: str = "RGB",
     antialiased: bool = False, eps2d: float = 0.3, apart: Any = 0,
 ) -> tuple[Any, Any, Any]:
-    """Image (H, W, X), alpha (H, W) and where splats are seen. For their gradients, `shift` (n, 2) is added to the centres,
-    and `apart` (n, H W, 2) to the centre as one pixel sees it."""
+    """Returns the image (H, W, X), alpha (H, W) and the pixel positions of splats. To compute their gradients, `shift`
+    (n, 2) is added to the centres, and `apart` (n, H W, 2) to the centres separately for each pixel."""
     view, k = s["viewmats"][camera], s["Ks"][camera]
     p = s["means"] @ view[:3, :3].T + view[:3, 3]
     if "covars" in s:
@@ -168,7 +169,8 @@ def norm_error(found: Any, expected: Any) -> float:
 
 
 def compare(s: Tensors, name: str, packed: bool, **options: Any) -> dict[str, float]:
-    """Worst errors: of pixels and alpha absolute, of depths relative, of gradients relative in the 2-norm."""
+    """Returns the largest errors: absolute for pixels and alpha, relative for depths, and relative 2-norms for
+    gradients."""
     g = torch.Generator().manual_seed(7)
     mine = {k: v.clone().requires_grad_() for k, v in s.items()}
     exact = {k: v.double().requires_grad_() for k, v in s.items()}
@@ -257,7 +259,8 @@ def test_pixels_and_gradients_are_those_of_float64(name: str, packed: bool) -> N
 
 
 def within(errors: dict[str, float]) -> None:
-    """Observed on PoCL: 5.7e-7 of pixels and alpha, 2.8e-6 of depths, 6.0e-6 of the gradient of Ks, 3.9e-6 of others."""
+    """Observed on PoCL: 5.7e-7 for pixels and alpha, 2.8e-6 for depths, 6.0e-6 for the gradient of Ks, 3.9e-6 for
+    others."""
     bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5}
     for name, error in errors.items():
         assert error <= bounds.get(name, 7.8e-6), name
@@ -315,7 +318,7 @@ def test_extra_signals(packed: bool, mode: str) -> None:
     assert torch.equal(image, plain) and torch.equal(alphas, alphas_too)
     alone = {**s, "colors": signals, "width": WIDTH, "height": HEIGHT}
     assert torch.equal(meta["render_extra_signals"], rasterization(**alone)[0])
-    # Harmonics are not clamped, and may be the same for all of a batch.
+    # Harmonics are not clamped, and may be shared by the whole batch.
     batch = {k: v if v is None else torch.stack([v, v]) for k, v in s.items()}
     meta = rasterization(**batch, **views, extra_signals=coeffs, extra_signals_sh_degree=2)[2]
     place = -torch.linalg.solve(s["viewmats"][:, :3, :3], s["viewmats"][:, :3, 3])
@@ -329,7 +332,7 @@ def test_extra_signals(packed: bool, mode: str) -> None:
 
 def test_sparse_gradients() -> None:
     s = scene(cameras=3)
-    s["means"][::7, 0] += 100  # these are in no image
+    s["means"][::7, 0] += 100  # these are not visible in any image
     mine = {k: v.clone().requires_grad_() for k, v in s.items()}
     dense = {k: v.clone().requires_grad_() for k, v in s.items()}
     for given, sparse in ((mine, True), (dense, False)):
@@ -356,7 +359,7 @@ def test_sparse_gradients() -> None:
 
 
 def test_opaque_splats() -> None:
-    """Alpha is at most 0.99, and pixels close at a transmittance of 1e-4."""
+    """Tests that alpha is at most 0.99, and that blending stops at a transmittance of 1e-4."""
     s = scene(splats=60)
     s["opacities"] = torch.cat([torch.ones(20), 0.9 + 0.1 * torch.rand(40, generator=torch.Generator().manual_seed(2))])
     s["scales"] = s["scales"] + 0.2
@@ -390,7 +393,7 @@ def test_batches_are_those_of_single_calls() -> None:
 
 @pytest.mark.parametrize("packed", [True, False])
 def test_any_number_of_splats(packed: bool) -> None:
-    """0, more than any before, and fewer again: what was drawn before has no part in it."""
+    """Tests 0 Gaussians, more than before, and fewer again. Earlier renders must have no influence."""
     s = scene(splats=400)
     expected = {}
     for count in (0, 400, 37, 0, 300, 1, 400):
@@ -424,7 +427,7 @@ def test_what_is_changed_in_place_is_drawn() -> None:
 
 
 def test_gradients_after_other_pictures() -> None:
-    """Of alpha alone, of an image that others were drawn after, and twice."""
+    """Tests the gradient of alpha alone, of an image that was not rendered last, and of two backward passes."""
     s = scene(channels=5)
     means = s["means"].clone().requires_grad_()
     first = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)
@@ -505,7 +508,7 @@ def test_projection(model: str) -> None:
 
 
 def test_harmonics() -> None:
-    """Values, and that those of all degrees are orthonormal, by sums over many directions."""
+    """Tests values, and that harmonics of all degrees are orthonormal, by sums over many directions."""
     g = torch.Generator().manual_seed(0)
     dirs, coeffs = torch.randn(200, 3, generator=g), torch.randn(200, 25, 3, generator=g)
     for degree in range(4):
@@ -546,7 +549,7 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("opacities", {"opacities": torch.full((30,), 1.5)}),
     ("opacities has the shape", {"opacities": torch.ones(30, 1)}),
     ("colors has the shape", {"colors": torch.ones(31, 3)}),
-    ("coeffs have 4 bases", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
+    ("coeffs has 4 bases", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
     ("means is of torch.float64", {"means": torch.zeros(30, 3, dtype=torch.float64)}),
     ("skew", {"Ks": torch.ones(2, 3, 3)}),
     ("backgrounds", {"backgrounds": torch.ones(3)}),
@@ -604,7 +607,7 @@ def test_values_that_are_not_finite_are_refused(name: str) -> None:
 
 
 def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCL of cards: values pass through host memory."""
+    """Tests OpenCL on cards, where values are copied through host memory."""
     from ubs import _abi, _raster
 
     calls: list[str] = []
@@ -629,7 +632,7 @@ def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch
     expected = gradients()
 
     def none(*_: Any, **__: Any) -> Any:
-        raise ubs.UsageError("the device gives no addresses of its memory")
+        raise ubs.UsageError("the device does not provide addresses of its memory")
 
     monkeypatch.setattr(ubs.Renderer, "array", none)
     for mine, other in zip(gradients(), expected):
@@ -637,7 +640,7 @@ def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_example_fits_an_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    image = pytest.importorskip("PIL.Image", reason="SKIPPED: Pillow is not there")
+    image = pytest.importorskip("PIL.Image", reason="SKIPPED: Pillow is not installed")
     sys.path.insert(0, str(Path(__file__).parent.parent / "examples"))
     import image_fit
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""DefaultStrategy and MCMCStrategy of ubs.gsplat: what they do to parameters and optimisers, and that they learn."""
+"""Tests DefaultStrategy and MCMCStrategy of ubs.gsplat: their effect on parameters and optimisers, and that training
+works."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from typing import Any
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 
 import ubs  # noqa: E402
 from ubs.gsplat import DefaultStrategy, MCMCStrategy, rasterization  # noqa: E402
@@ -28,7 +29,7 @@ def learnt(count: int, dictionary: Any = dict) -> Maker:
     }
     params = dictionary({name: torch.nn.Parameter(value) for name, value in values.items()})
     optimizers = {name: torch.optim.Adam([params[name]], lr=0.0) for name in values}
-    for name in values:  # moments that tell whose they are
+    for name in values:  # moments that identify their Gaussian
         params[name].grad = torch.arange(1.0, count + 1).reshape(-1, *[1] * (params[name].dim() - 1)) + 0 * params[name]
         optimizers[name].step()
         optimizers[name].zero_grad(set_to_none=True)
@@ -36,7 +37,8 @@ def learnt(count: int, dictionary: Any = dict) -> Maker:
 
 
 def moments(params: Any, optimizers: Any, name: str = "means") -> Any:
-    """Whose moments each has, 0: nobody's; and that the optimisers hold these parameters."""
+    """Returns the Gaussian to which the moments of each one belong, or 0 for none. Also checks that the optimisers
+    contain these parameters."""
     for key, optimizer in optimizers.items():
         assert optimizer.param_groups[0]["params"][0] is params[key] and set(optimizer.state) == {params[key]}
         assert all(v.shape == params[key].shape for k, v in optimizer.state[params[key]].items() if k != "step")
@@ -45,7 +47,7 @@ def moments(params: Any, optimizers: Any, name: str = "means") -> Any:
 
 
 def drawn(count: int, gradient: Any, radii: int = 4, packed: bool = False) -> dict[str, Any]:
-    """As rasterization() gives, of two cameras that see all."""
+    """Returns a dictionary like that of rasterization(), for two cameras in which everything is visible."""
     means2d = torch.zeros(2, count, 2, requires_grad=True)
     info = {"width": 20, "height": 10, "n_cameras": 2, "gaussian_ids": None}
     info["radii"] = torch.full((2, count, 2), radii, dtype=torch.int32)
@@ -67,7 +69,8 @@ def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> Non
         params["opacities"][5] = -9
     strategy.check_sanity(params, optimizers)
     state = strategy.initialize_state(scene_scale=1.0)
-    # 1 and 2 have more than the threshold, in halves of the image and times the number of cameras; 0 just less.
+    # The gradients of 1 and 2 are above the threshold, in units of half the image size and times the number of cameras.
+    # That of 0 is just below.
     gradient = torch.tensor([[0.99e-5, 0], [0, 2.1e-5], [1.1e-5, 0], [0, 0], [0, 0], [0, 0]])
     before = {name: value.detach().clone() for name, value in params.items()}
     for step in (9, 10):
@@ -75,7 +78,7 @@ def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> Non
         strategy.step_pre_backward(params, optimizers, state, step, info)
         (info["means2d"] * info["v"]).sum().backward()
         strategy.step_post_backward(params, optimizers, state, step, info, packed=packed)
-    # 5 has gone; 2 has gone for its two parts; 1 has a copy.
+    # 5 was removed, 2 was replaced by its two parts, and 1 has a copy.
     ids = (params["colors"][:, 0] / 3).round().int().tolist()
     assert ids == [0, 1, 3, 4, 1, 2, 2]
     assert moments(params, optimizers).tolist() == [1, 2, 4, 5, 0, 0, 0]
@@ -151,7 +154,7 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     strategy.step_post_backward(params, optimizers, state, 20, {}, lr=1.0)
     assert len(params["means"]) == 41 and moments(params, optimizers)[40] == 0
     together = (params["means"] == params["means"][40]).all(-1) & (params["opacities"] == params["opacities"][40])
-    assert int(together.sum()) == 2  # it, and the one that it is a copy of
+    assert int(together.sum()) == 2  # the copy and its source
     strategy.noise_lr = 2.0
     with torch.no_grad():
         params["opacities"][:21] = -20
@@ -192,7 +195,8 @@ def test_mistakes_are_refused() -> None:
 
 @pytest.mark.parametrize("kind,packed", [("default", False), ("absgrad", True), ("mcmc", True)])
 def test_they_learn(kind: str, packed: bool) -> None:
-    """300 Gaussians in 3 views, from 40 on: they become more, and the error a fraction of the first."""
+    """Trains with 3 views, starting from 40 Gaussians. Their number must grow, and the error must fall to a fraction of
+    the initial one."""
     torch.manual_seed(0)
     viewmats, k = torch.eye(4).repeat(3, 1, 1), torch.tensor([[40.0, 0, 20], [0, 40, 20], [0, 0, 1]]).expand(3, 3, 3)
     for i in range(3):

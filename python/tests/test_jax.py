@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gradients through JAX are those of the library."""
+"""Tests that gradients computed through JAX equal those of the library."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-jax = pytest.importorskip("jax", reason="SKIPPED: JAX is not there")
+jax = pytest.importorskip("jax", reason="SKIPPED: JAX is not installed")
 
 import ubs  # noqa: E402
 import ubs.jax  # noqa: E402

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the cells of the notebook one after the other, as its program would."""
+"""Runs the cells of the notebook one after the other, like Jupyter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-matplotlib = pytest.importorskip("matplotlib", reason="SKIPPED: matplotlib is not there")
+matplotlib = pytest.importorskip("matplotlib", reason="SKIPPED: matplotlib is not installed")
 
 
 def test_the_notebook_runs() -> None:

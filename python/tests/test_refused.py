@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments that the package refuses, because they would give wrong results in silence, and what its messages say."""
+"""Tests that the package rejects arguments that would silently give wrong results, and tests its messages."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def model(data: ubs.Dataset) -> ubs.Model:
 
 def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
     view = data.test[0]
-    wide = view.image.astype(np.float32)  # was clamped to white
+    wide = view.image.astype(np.float32)  # earlier versions clamped it to white
     good = wide / 255
     for call in (
         lambda: ubs.metrics.psnr(np.full((8, 8, 3), 40.0), np.full((8, 8, 3), 200.0)),
@@ -36,9 +36,9 @@ def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.
         lambda: ubs.loss(model, view.camera, wide),
         lambda: ubs.Dataset.from_arrays([wide], [view.camera.world_to_camera], (40, 40, 20, 20)),
     ):
-        with pytest.raises(ubs.UsageError, match="give uint8, or floating point from 0 to 1"):
+        with pytest.raises(ubs.UsageError, match="pass uint8, or floating point from 0 to 1"):
             call()
-    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, as renders may need
+    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, as renders may need it
     assert set(dir(ubs.metrics)) >= {"psnr"} and ubs.metrics.__all__ == ["lpips", "measure", "psnr", "ssim"]
 
 
@@ -46,7 +46,7 @@ def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Mode
     view = data.test[0]
     wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped at 1
     for call in (lambda: ubs.metrics.psnr(wide, wide // 2), lambda: ubs.loss(model, view.camera, wide)):
-        with pytest.raises(ubs.UsageError, match="int64: give uint8"):
+        with pytest.raises(ubs.UsageError, match="int64: pass uint8"):
             call()
 
 
@@ -111,7 +111,7 @@ def test_test_views_are_chosen_by_index_or_boolean(data: ubs.Dataset) -> None:
     for test in (np.array([False, False, True, True]), [False, False, True, True], [2, 3], np.array([3, 2])):
         made = ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=test)
         assert [view.name for view in made.test] == ["2", "3"] and len(made.train) == 2
-    with pytest.raises(ubs.UsageError, match="3 booleans for 4 views"):
+    with pytest.raises(ubs.UsageError, match="3 booleans, but there are 4 views"):
         ubs.Dataset.from_arrays(images, poses, (8, 8, 4, 4), test=[True, False, True])
 
 

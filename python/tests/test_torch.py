@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gradients through PyTorch, and the example. What the library's gradients are worth, other tests say (float64)."""
+"""Tests gradients computed through PyTorch, and the example. Other tests compare the gradients of the library with
+float64."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 
 import ubs  # noqa: E402
 import ubs.torch  # noqa: E402
@@ -36,7 +37,7 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
     weights = [torch.randn(40, 40, 3), torch.randn(40, 40)]
     rgb, alpha = splats(cameras[0])
     assert np.array_equal(rgb.detach().numpy(), model.render(cameras[0]))
-    other, _ = splats(cameras[1])  # drawn in between
+    other, _ = splats(cameras[1])  # rendered in between
     ((rgb * weights[0]).sum() + (alpha * weights[1]).sum()).backward()
     expected = ubs.vjp(model, cameras[0], weights[0].numpy(), weights[1].numpy())
     for name, parameter in splats.named_parameters():
@@ -233,7 +234,7 @@ def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
         sum(picture.sum() for picture in empty).backward()
         assert none["xyz"].grad is not None and none["xyz"].grad.shape == (0, 3)
     white = ubs.torch.render({name: tensor.detach()[:0] for name, tensor in tensors.items()}, camera, dim=7,
-                             conditioning="direct", background="white")  # a text, as the settings take it
+                             conditioning="direct", background="white")  # a text, as in the settings
     assert torch.equal(white[0], torch.ones(40, 40, 3)) and not white[1].any()
     with pytest.raises(ubs.UsageError, match="this form has xyz, rgb"):
         ubs.torch.render({"xyz": tensors["xyz"]}, camera, dim=3)
@@ -264,7 +265,7 @@ def test_poses_may_be_larger_matrices_and_not_quite_rotations(data: ubs.Dataset)
         splats(camera, intrinsics=torch.zeros(3))
     with pytest.raises(ubs.UsageError, match="skew"):
         splats(camera, intrinsics=torch.tensor([[40.0, 5, 20], [0, 40, 20], [0, 0, 1]]))
-    # The gradient of the nearest rotation, by differences of float64 in the direction of each entry
+    # The gradient of the nearest rotation, from differences in float64 in the direction of each entry
     crooked = four[:3] + 0.02 * torch.randn(3, 4, dtype=torch.float64)
     pose = crooked.clone().requires_grad_()
     splats(camera, pose=pose)[0].sum().backward()
@@ -369,7 +370,7 @@ def test_tensors_stay_in_device_memory(data: ubs.Dataset, monkeypatch: pytest.Mo
     if splats._drawing.place is None:
         with pytest.raises(ubs.UsageError, match="does not provide addresses"):
             splats._drawing.renderer.array("parameters")
-        pytest.skip("SKIPPED: the device gives does not provide addresses of its memory")
+        pytest.skip("SKIPPED: the device does not provide addresses of its memory")
     array = splats._drawing.renderer.array("parameters")
     seen = torch.from_dlpack(array)
     assert seen.data_ptr() == array.address and tuple(seen.shape) == array.shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of ubs.torch below a whole rendering: projected splats and conditioning, against float64."""
+"""Compares the functions of ubs.torch for projected splats and for conditioning with float64."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not there")
+torch = pytest.importorskip("torch", reason="SKIPPED: PyTorch is not installed")
 
 import ubs  # noqa: E402
 from ubs.gsplat import fully_fused_projection  # noqa: E402
@@ -166,7 +166,7 @@ def joint(dim: int, n: int = 40) -> tuple[Any, ...]:
 
 
 def by_inverse(means: Any, factor: Any, betas: Any, query: Any, weights: Any, whiten: bool) -> tuple[Any, Any, Any]:
-    """docs/method.md 2.3 and 2.4 with the inverse of Sigma_q."""
+    """Computes docs/method.md 2.3 and 2.4 with the inverse of Sigma_q."""
     sigma = factor @ factor.mT
     across, own = sigma[:, :3, 3:], sigma[:, 3:, 3:]
     x = (query - means[:, 3:])[..., None]
@@ -204,7 +204,7 @@ def test_conditioning_agrees_with_the_formulas(dim: int, mode: str) -> None:
     one = condition(*given[:3], given[3][0])
     each = condition(*given[:3], given[3][:1].expand_as(given[3]))
     assert all(torch.equal(a, b) for a, b in zip(one, each))
-    # Far from the mean the published code stops at 1 - tanh = 2^-23.
+    # Far from the mean, the published code limits 1 - tanh to 2^-23.
     upright = torch.eye(dim, dtype=torch.float64).expand_as(given[1])
     far = condition(given[0], upright, 0.01 * torch.ones_like(given[2]), given[3] + 1e3)[2]
     assert torch.allclose(far, torch.full_like(far, 2.0 ** (-23 * 0.01 * (dim - 3))))
@@ -231,7 +231,7 @@ def raw_parameters(data: ubs.Dataset, dim: int, conditioning: str) -> dict[str, 
 
 
 def by_functions(raw: dict[str, Any], camera: ubs.Camera, dim: int, direct: bool) -> Any:
-    """The method in PyTorch around condition() and rasterize(), from raw parameters."""
+    """Implements the method in PyTorch with condition() and rasterize(), starting from raw parameters."""
     pose = torch.from_numpy(camera.world_to_camera).float()
     away = raw["xyz"] - (-pose[:, :3].T @ pose[:, 3])
     query = torch.nn.functional.normalize(away, dim=-1)

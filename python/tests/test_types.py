@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The annotations of package and examples hold, strictly (pyproject.toml)."""
+"""Checks the type annotations of the package and the examples in strict mode (pyproject.toml)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("mypy", reason="SKIPPED: mypy is not there")
+pytest.importorskip("mypy", reason="SKIPPED: mypy is not installed")
 
 
 def test_mypy_finds_nothing(tmp_path: Path) -> None:

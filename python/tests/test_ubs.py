@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The package beside the executable: same settings, same bits; and its own promises."""
+"""Compares the package with the executable: the same settings must give the same bits. Also tests its own
+guarantees."""
 
 from __future__ import annotations
 
@@ -94,7 +95,7 @@ def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.
     try:
         seen = np.asarray(renderer.array("rgb"))
     except ubs.UsageError:
-        pytest.skip("SKIPPED: the device gives no addresses of its memory")
+        pytest.skip("SKIPPED: the device does not provide addresses of its memory")
     assert seen.__array_interface__["data"][0] == renderer.array("rgb").address
     picture = renderer.render(camera).rgb
     assert np.array_equal(seen, picture)
@@ -132,7 +133,7 @@ def test_data_from_arrays(data: ubs.Dataset, model: ubs.Model) -> None:
     )
     assert [len(made.train), len(made.test)] == [8, 2]
     assert np.array_equal(made.test[1].image, data.test[1].image)
-    # Arrays are opaque, the images of `data` are not.
+    # Arrays are opaque, but the images of `data` are not.
     trained = ubs.train(made, **SETTINGS, background=(0, 0, 0), random_background="off")
     for name, values in trained.parameters.items():
         assert np.array_equal(values, model.parameters[name])
@@ -162,7 +163,7 @@ def test_written_parameters_are_drawn(data: ubs.Dataset, model: ubs.Model) -> No
     values["xyz"][:] = model.parameters["xyz"]
     assert not np.array_equal(other.render(camera), after)
     assert np.array_equal(model.render(camera), before)
-    other.parameters["rgb"] = np.zeros_like(values["rgb"])  # was lost
+    other.parameters["rgb"] = np.zeros_like(values["rgb"])  # was lost in earlier versions
     assert not other.parameters["rgb"].any() and not values["rgb"].any()
     assert np.array_equal(other.render(camera), other.copy().render(camera))
     for name, wrong in (("rgb", np.zeros((1, 3))), ("colour", np.zeros(3))):
@@ -263,9 +264,10 @@ def test_lpips_has_the_values_of_the_published_networks(monkeypatch: pytest.Monk
     folder = Path(os.environ.get("UBS_TEST_DATA") or shared) / "lpips_weights"
     if not folder.exists():
         pytest.skip(f"SKIPPED: no test data {folder}: set UBS_TEST_DATA to the folder that holds it")
-    read = pytest.importorskip("matplotlib.image", reason="SKIPPED: matplotlib is not there to read images").imread
+    read = pytest.importorskip("matplotlib.image", reason="SKIPPED: matplotlib is not installed").imread
     truth, *images = (read(folder / "test_images" / f"ex_{name}.png")[..., :3] for name in ("ref", "p0", "p1"))
-    # Of torch 1.13 on a CPU; the data's README has them. As of the executable: 2.1e-7 was observed.
+    # The values are from torch 1.13 on a CPU, and are listed in the README of the data. As with the executable, an
+    # error of 2.1e-7 was observed.
     for network, *expected in (("alex", 0.7218806, 0.1375656), ("squeeze", 0.7110476, 0.1479016)):
         found = [ubs.metrics.lpips(truth, image, network, weights=folder) for image in images]
         assert found == pytest.approx(expected, rel=0, abs=4e-7)
@@ -293,13 +295,13 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
-    with pytest.raises(ubs.UsageError, match="colours are those of points"):  # which would be left out
+    with pytest.raises(ubs.UsageError, match="colours require points"):  # which would be skipped
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), colours=[[1, 2, 3]])
     for size in ((4,), (4, 4), ()):
         with pytest.raises(ubs.UsageError, match=re.escape(f"image 0 has the shape {size}, not (H, W, 3)")):
             ubs.Dataset.from_arrays([np.zeros(size)], [np.eye(4)[:3]], (4, 4, 2, 2))
-    for number in (-1, 1):  # which would all be learnt
-        with pytest.raises(ubs.UsageError, match=f"no view {number} of 1"):
+    for number in (-1, 1):  # which would all be used for training
+        with pytest.raises(ubs.UsageError, match=f"view {number} does not exist"):
             ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), test=[number])
     with pytest.raises(ubs.DataError, match="rotation"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((1, 3, 4)), (1, 1, 1, 1))
@@ -384,7 +386,7 @@ def _image_and_rendering(view: ubs.View, model: ubs.Model) -> tuple[Any, Any]:
 def test_synthetic_scenes(folder: Path, tmp_path: Path) -> None:
     options: dict[str, Any] = {"size": 40, "views": 8, "test_views": 2, "supersampling": 1}
     data = ubs.synth("glossy", **options)
-    for mine, other in zip(data, ubs.Dataset.open(folder)):  # made by the executable
+    for mine, other in zip(data, ubs.Dataset.open(folder)):  # created by the executable
         assert mine.camera == other.camera and np.array_equal(mine.image, other.image)
     again = pickle.loads(pickle.dumps(data))
     assert len(again) == 10 and np.array_equal(again.test[1].image, data.test[1].image)
@@ -425,7 +427,7 @@ def test_data_are_read_with_the_settings_of_their_opening(
         message = f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"
         with pytest.raises(ubs.UsageError, match=message):
             ubs.Trainer(data, **{**SETTINGS, key: value})
-    # An automatic one is that of the opening.
+    # An automatic value is the one chosen when the data were opened.
     trained = ubs.train(ubs.Dataset.open(folder, background=(1, 1, 1)), **{**SETTINGS, "iterations": 1})
     trained.save(tmp_path / "white.ply")
     assert b"background=1,1,1 " in (tmp_path / "white.ply").read_bytes()
@@ -460,7 +462,7 @@ def test_a_process_forked_from_one_with_a_device_says_so(data: ubs.Dataset, mode
     ):
         child = os.fork()
         if child == 0:
-            signal.alarm(60)  # a hang ends by a signal
+            signal.alarm(60)  # a signal ends the test if it hangs
             try:
                 case()
                 os._exit(1)
@@ -470,7 +472,7 @@ def test_a_process_forked_from_one_with_a_device_says_so(data: ubs.Dataset, mode
                 os._exit(3)
         assert os.waitpid(child, 0)[1] == 0
     child = os.fork()
-    if child == 0:  # what is on the host alone works, and handles of the parent can go
+    if child == 0:  # functions on the host work, and handles of the parent can be freed
         signal.alarm(60)
         same = np.array_equal(model.copy().parameters["xyz"], model.parameters["xyz"])
         model._renderers.clear()
@@ -511,13 +513,13 @@ def test_a_picture_that_was_not_copied_keeps_its_memory(data: ubs.Dataset, model
     try:
         seen = model.render(camera, copy=False)
     except ubs.UsageError:
-        pytest.skip("SKIPPED: the device gives no addresses of its memory")
+        pytest.skip("SKIPPED: the device does not provide addresses of its memory")
     large = model.render(other)  # with another renderer
     assert np.array_equal(seen, expected)
     assert np.array_equal(model.render(other), large)
     renderer = ubs.Renderer(model, gradients=True)
     renderer.draw(camera)
-    held = np.asarray(renderer.array("rgb"))[1:]  # a part holds it too
+    held = np.asarray(renderer.array("rgb"))[1:]  # a part also keeps it alive
     for draw in (renderer.render, renderer.draw, lambda c: renderer.vjp(c, np.zeros((480, 640, 3)))):
         with pytest.raises(ubs.UsageError, match="in use"):
             draw(other)

@@ -346,7 +346,7 @@ class Handle:
 def path_bytes(path: os.PathLike[str] | str) -> bytes:
     name = os.fsencode(path)
     if b"\0" in name:
-        raise UsageError(f"{path!r} is no path: C would end it at the NUL")
+        raise UsageError(f"{path!r} is not a valid path, because it contains a NUL character")
     return name
 
 

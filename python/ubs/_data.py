@@ -37,7 +37,7 @@ def check_range(array: npt.NDArray[Any], what: str) -> None:
     lie somewhat outside of it."""
     if array.size and (array.min() < -1 or array.max() > 2):
         raise UsageError(
-            f"{what} has values from {array.min():.4g} to {array.max():.4g}: give uint8, or floating point from 0 to 1"
+            f"{what} has values from {array.min():.4g} to {array.max():.4g}: pass uint8, or floating point from 0 to 1"
         )
 
 
@@ -48,7 +48,7 @@ def image_bytes(image: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Byte
         raise UsageError(f"{what} has the shape {array.shape}, not {shape}")
     if array.dtype != np.uint8:
         if not np.issubdtype(array.dtype, np.floating):
-            raise UsageError(f"{what} is of {array.dtype}: give uint8, or floating point from 0 to 1")
+            raise UsageError(f"{what} has the type {array.dtype}: pass uint8, or floating point from 0 to 1")
         if not np.isfinite(array).all():
             raise UsageError(f"{what} has values that are not finite")
         check_range(array, what)
@@ -96,7 +96,7 @@ class Camera:
         k = np.asarray(intrinsics, dtype=np.float64)
         if k.shape == (3, 3):
             if np.abs(k[0, 1]) > 1e-6 * np.abs(k[0, 0]) or k[1, 0] != 0:
-                raise UsageError(f"intrinsics have the skew {k[0, 1] or k[1, 0]:g}, which no camera of ubs has")
+                raise UsageError(f"intrinsics have the skew {k[0, 1] or k[1, 0]:g}, which ubs does not support")
             if not np.array_equal(k[2], (0, 0, 1)):
                 raise UsageError(f"the last row of the intrinsics is {k[2]}, not 0 0 1")
             k = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
@@ -119,7 +119,7 @@ class Camera:
             raise UsageError(f"world_to_camera has the shape {matrix.shape}, not (3, 4)")
         c = _abi.Camera(fx=self.fx, fy=self.fy, cx=self.cx, cy=self.cy, time=self.time)
         if not (isinstance(self.width, (int, np.integer)) and isinstance(self.height, (int, np.integer))):
-            raise UsageError(f"the camera: width and height are integers, not {self.width} and {self.height}")
+            raise UsageError(f"the camera: width and height must be integers, not {self.width} and {self.height}")
         if max(abs(self.width), abs(self.height)) >= 2**31:  # ctypes would take the lower bits
             raise UsageError(f"the camera: the image size {self.width}x{self.height} is not possible")
         c.width, c.height = int(self.width), int(self.height)
@@ -258,22 +258,24 @@ class Dataset(_abi.Handle):
         k = np.asarray(intrinsics, dtype=np.float64)
         shared = k.shape in ((3, 3), (4,))
         if not shared and k.shape not in ((count, 3, 3), (count, 4)):
-            raise UsageError(f"intrinsics have the shape {k.shape}")
+            raise UsageError(
+                f"intrinsics have the shape {k.shape}, but must be (3, 3) or (4,), or one of these per view"
+            )
         moments = np.zeros(count) if times is None else np.asarray(times, dtype=np.float64)
         if moments.shape != (count,):
             raise UsageError(f"times has the shape {moments.shape}, not ({count},)")
         held_out = np.asarray(test)
         if held_out.dtype == bool:
             if held_out.shape != (count,):
-                raise UsageError(f"test has {held_out.size} booleans for {count} views")
+                raise UsageError(f"test has {held_out.size} booleans, but there are {count} views")
             held_out = np.flatnonzero(held_out)
         if masks is not None and len(masks) != count:
-            raise UsageError(f"there are {len(masks)} masks for {count} images")
+            raise UsageError(f"there are {len(masks)} masks, but {count} images")
         if colours is not None and points is None:
-            raise UsageError("colours are those of points, and there are none")
+            raise UsageError("colours require points")
         for number in held_out:
             if number not in range(count):
-                raise UsageError(f"test: there is no view {number} of {count}")
+                raise UsageError(f"test: view {number} does not exist, there are {count} views")
         data = cls()
         for i in range(count):
             if len(shape := np.shape(images[i])) != 3:
@@ -394,7 +396,7 @@ def synth(
                 ("height", height, 1), ("supersampling", supersampling, 1), ("seed", seed, 0)]
     for name, value, least in integers:
         if not isinstance(value, (int, np.integer)) or not least <= value < 2**31:
-            raise UsageError(f"synth: {name} = {value} must be an integer from {least}")
+            raise UsageError(f"synth: {name} = {value} must be an integer of at least {least}")
     temporary = tempfile.TemporaryDirectory(prefix="ubs-") if out is None else None
     folder = temporary.name if temporary else os.fspath(out or "")
     options = _abi.Synthetic(

@@ -46,7 +46,7 @@ def _give_back(tensor: int) -> None:
 _python: Any = ctypes.pythonapi
 _new, _valid, _pointer = _python.PyCapsule_New, _python.PyCapsule_IsValid, _python.PyCapsule_GetPointer
 _new.argtypes, _new.restype = [c_void_p, c_char_p, c_void_p], ctypes.py_object
-# Takes a capsule that is being destroyed, without counting a reference
+# These functions take a pointer, because a capsule that is being destroyed must not be referenced again.
 _valid.argtypes = _pointer.argtypes = [c_void_p, c_char_p]
 _pointer.restype = c_void_p
 
@@ -77,22 +77,22 @@ class DeviceArray:
         return int(self._array.type), int(self._array.ordinal)
 
     def seen(self) -> npt.NDArray[np.float32]:
-        """The same memory as a NumPy array, on a CPU."""
+        """Returns the same memory as a NumPy array. Requires a device that is a CPU."""
         if self._array.type != 1:
-            raise UsageError("the values are on a card")
+            raise UsageError("the values are in the memory of a GPU")
         return np.asarray(self)
 
     @property
     def __array_interface__(self) -> dict[str, Any]:
-        """For NumPy, on a CPU: np.asarray(array) does not copy."""
+        """Lets np.asarray(array) use the memory without copying it. Requires a device that is a CPU."""
         a = self._array
         if a.type != 1:
-            raise AttributeError("the values are on a card")
+            raise AttributeError("the values are in the memory of a GPU")
         steps = tuple(4 * step for step in a.strides[: a.dims])
         return {"version": 3, "shape": self.shape, "strides": steps, "typestr": "<f4", "data": (self.address, False)}
 
     def __dlpack__(self, **_: Any) -> Any:
-        """Needs no stream, because the library has already waited."""
+        """Returns a DLPack capsule. Streams can be ignored, because the library has already waited for the device."""
         a = self._array
         sizes, steps = (c_int64 * 3)(*a.shape), (c_int64 * 3)(*a.strides)
         tensor = _Tensor(a.values, a.type, a.ordinal, a.dims, _FLOAT, 32, 1, sizes, steps)

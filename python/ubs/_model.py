@@ -483,7 +483,7 @@ def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
     if array.dtype == np.uint8:
         return array.astype(np.float32) / np.float32(255)
     if not np.issubdtype(array.dtype, np.floating):
-        raise UsageError(f"an image is of {array.dtype}: give uint8, or floating point from 0 to 1")
+        raise UsageError(f"an image has the type {array.dtype}: pass uint8, or floating point from 0 to 1")
     check_range(array, "an image")
     return array
 

@@ -123,7 +123,7 @@ class Trainer(_abi.Handle):
         Ctrl-C has the same effect. The trainer then has the state of the last iteration, and can be saved or
         continue."""
         if steps < 0:
-            raise UsageError(f"steps = {steps}: give a number of iterations, or 0 for all that are left")
+            raise UsageError(f"steps = {steps}: pass a number of iterations, or 0 for all remaining ones")
         raised: list[BaseException] = []  # exceptions must not pass through C code
 
         with _Interrupt() as interrupt:

@@ -34,7 +34,7 @@ def measure(
     safetensors file, or a folder with lpips_NAME.safetensors; None: the environment variable UBS_LPIPS_WEIGHTS."""
     shape = np.shape(truth)
     if len(shape) != 3 or shape[2] != 3:
-        raise UsageError(f"truth has the shape {shape}, not (H, W, 3)")
+        raise UsageError(f"truth has the shape {shape}, but must be (H, W, 3)")
     a, b = floats(as_float(truth), shape, "truth"), floats(as_float(image), shape, "image")
     where = opened(device)
     chosen = os.environ.get("UBS_LPIPS_WEIGHTS", "") if weights is None else str(weights)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab accuracy as a process: files, how a model is drawn, refusals.
+// Tests of `ubs-lab accuracy` as a process: its files, how a model is rendered, and rejected arguments.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -43,7 +43,7 @@ TEST_CASE("accuracy: the table is printed and written") {
   CHECK_THAT(get(folder / "a/accuracy.csv"), Contains("\nfast,same,6,glossy,"));
 }
 
-TEST_CASE("accuracy: a model is drawn as it wants to be") {
+TEST_CASE("accuracy: a model is rendered with its own settings") {
   const TempFolder folder;
   test::put_scene(folder / "data", 32, 2, 1);
   write_splat_ply(folder / "m.ply", bench::random_start(6, 200, 32, 32).model,
@@ -58,24 +58,25 @@ TEST_CASE("accuracy: a model is drawn as it wants to be") {
   CHECK(noted != error("--eps2d 0.3"));
 }
 
-TEST_CASE("accuracy: what is refused") {
+TEST_CASE("accuracy: invalid arguments are rejected") {
   const TempFolder folder;
   CHECK(run_ubs(folder, "accuracy --quick").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --config x:maths=native").code == 2);
-  // What nothing asked for gave rows like the default's, and an N without its query values an internal error.
-  check_error(folder, "accuracy --quick --out a --config x:dim=3", 2, "dim of 'x' changes nothing here");
+  // Earlier versions printed rows equal to the default for settings without effect, and failed with an
+  // internal error for an N that requires query values.
+  check_error(folder, "accuracy --quick --out a --config x:dim=3", 2, "dim of 'x' has no effect here");
   check_error(folder, "accuracy --quick --out a --config 'x:rot_mode=exp|math=native'", 2, "math of 'x'");
   CHECK(run_ubs(folder, "accuracy --quick --out a --dim 8").code == 2);
   CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 3);  // no such file
   put(folder / "m.ply", "a model");
-  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // of which data?
+  CHECK(run_ubs(folder, "accuracy --quick --out a --model m.ply").code == 2);  // no data are given
   const Result none = run_ubs(
       folder, "accuracy --quick --out a --config default:rot_mode=quaternion --config x:rot_mode=quaternion");
-  CHECK(none.code == 0);  // the default runs beside them
+  CHECK(none.code == 0);  // the default configuration is also measured
 }
 
-// It took its own numbers all the same, and devices of one name were mixed.
-TEST_CASE("accuracy: --quick leaves what is chosen") {
+// Earlier versions ignored these numbers with --quick, and mixed up devices with the same name.
+TEST_CASE("accuracy: --quick keeps options that are given") {
   const TempFolder folder;
   test::ubs_ok(
       folder,

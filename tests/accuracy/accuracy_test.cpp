@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of `ubs-lab accuracy` that need no device: norms, configurations, the table.
+// Tests of the parts of `ubs-lab accuracy` that need no device: norms, configurations and the table.
 #include <catch2/catch.hpp>
 #include <limits>
 
@@ -11,7 +11,7 @@ namespace {
 
 using Catch::Contains;
 
-TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely wrong") {
+TEST_CASE("errors: relative 2-norm and maximum; the error is infinite if a value is not finite") {
   check::ErrorSum sum;
   sum.add(3.5, 3);
   sum.add(-4, -4);
@@ -26,7 +26,7 @@ TEST_CASE("errors: relative 2-norm and maximum; what is not finite is infinitely
   CHECK(broken.errors().absolute == std::numeric_limits<double>::infinity());
 }
 
-TEST_CASE("errors: the typical one leaves out the hundredth of splats that differs most") {
+TEST_CASE("errors: the typical error excludes the 1 % of splats that differ most") {
   const ParameterLayout layout(3);
   const std::size_t count = 200;
   std::vector<double> truth(static_cast<std::size_t>(layout.count) * count, 1.0);
@@ -38,7 +38,7 @@ TEST_CASE("errors: the typical one leaves out the hundredth of splats that diffe
   CHECK(groups[0].errors.relative == Approx(std::sqrt(8.0001 / 600)));
   CHECK(groups[0].errors.typical == Approx(std::sqrt(0.0001 / 600)).epsilon(1e-3));
   CHECK(groups[0].errors.absolute == 2);
-  values[7] = std::numeric_limits<float>::quiet_NaN();  // of one splat, but no matter of order
+  values[7] = std::numeric_limits<float>::quiet_NaN();  // in one splat, but not because of the order
   CHECK(std::isinf(check::group_errors(layout, count, values, truth)[0].errors.typical));
 }
 

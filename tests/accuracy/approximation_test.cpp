@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every mode of powers (host/scene/math_mode.hpp) on every device against the float64 oracle: it does
-// something, no more than it should, and the stages one by one say where.
+// Compares every mode of powers (host/scene/math_mode.hpp) on every device with the float64 oracle. Each mode
+// must have an effect, its error must stay within its bound, and the tests of single stages show where the
+// error arises.
 #include <catch2/catch.hpp>
 
 #include "host/check/stage_run.hpp"
@@ -21,7 +22,7 @@ Problem problem(int dim) {
       oracle::regular_scene({.count = 250, .dim = dim, .seed = 31, .width = 61, .height = 45});
   Problem p;
   p.model = scene.model;
-  // As in variant_test.cpp: a steep rim would hide the errors that are looked for.
+  // A steep rim would hide the errors that these tests look for, as in variant_test.cpp.
   for (float& b : p.model.row(p.model.layout().beta)) b = std::max(b, -0.5f);
   p.camera = scene.camera;
   p.target.assign(scene.target.begin(), scene.target.end());
@@ -31,8 +32,8 @@ Problem problem(int dim) {
 
 struct Expectation {
   MathMode math;
-  double image, gradient;  // bounds: twice the worst observed on PoCL, relative 2-norm
-  bool coarser;            // than the default by a factor of ten at least
+  double image, gradient;  // bounds of the relative 2-norm: twice the largest error observed on PoCL
+  bool coarser;            // at least ten times the error of the default
 };
 
 std::vector<Expectation> expectations() {
@@ -47,7 +48,7 @@ double image_error(const StageRun& run, const Truth& truth) {
   return sum.errors().relative;
 }
 
-TEST_CASE("approximations stay within what they promise", "[accuracy]") {
+TEST_CASE("approximations stay within their bounds", "[accuracy]") {
   const Problem p = problem(3);
   const Truth truth = compute_truth(p);
   for (const auto& device : devices_under_test())
@@ -66,13 +67,13 @@ TEST_CASE("approximations stay within what they promise", "[accuracy]") {
                       << gradient << " (" << worst(groups).quantity << ")");
         CHECK(image <= e.image);
         CHECK(gradient <= e.gradient);
-        // One lane has the device's own functions for `native`, which may be as good as the others.
+        // With one lane, `native` uses the functions of the device, which may be as accurate as the others.
         if (e.coarser && !(raster == RasterKind::gpu && e.math != MathMode::exact)) CHECK(image > 1e-6);
       }
 }
 
-TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
-  const Problem p = problem(3);  // its kernels are there
+TEST_CASE("each error appears in the stage that causes it", "[accuracy]") {
+  const Problem p = problem(3);  // its kernels are already compiled
   const StageTruth truth = compute_stage_truth(p);
   for (const auto& device : devices_under_test()) {
     const auto errors = [&](MathMode math) {
@@ -90,15 +91,15 @@ TEST_CASE("stage by stage: each error appears where it is made", "[accuracy]") {
     const std::vector<double> exact = errors(MathMode::exact), rough = errors(MathMode::rough);
     REQUIRE(exact.size() == 5);
     for (const double e : exact) CHECK(e < 1e-5);
-    CHECK(rough[2] == exact[2]);  // the loss takes no power
-    // Projection with one lane takes the exact functions of the device.
+    CHECK(rough[2] == exact[2]);  // the loss computes no powers
+    // With one lane, the projection uses the exact functions of the device.
     const bool lanes = device->info().float_vector_width > 1;
     for (const std::size_t stage : {0u, 4u}) CHECK((rough[stage] > exact[stage]) == lanes);
     for (const std::size_t stage : {1u, 3u}) CHECK(rough[stage] > exact[stage]);
   }
 }
 
-TEST_CASE("without approximations the kernels have no option of them", "[accuracy]") {
+TEST_CASE("without approximations, kernels are compiled without the options for them", "[accuracy]") {
   CHECK(arithmetic_options(MathMode::exact).empty());
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs-lab bench as a process: names, selection, files, comparison and its exit code.
+// Tests of `ubs-lab bench` as a process: names, selection, files, comparison and exit code.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -35,11 +35,11 @@ TEST_CASE("bench: --list and --run") {
   CHECK(run_ubs(folder, "bench --run nosuchcase").code == 2);
   CHECK(run_ubs(folder, "bench --list --model m.ply").code == 3);  // no such file
   put(folder / "m.ply", "a model");
-  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);  // of which data?
+  CHECK(run_ubs(folder, "bench --list --model m.ply").code == 2);  // no data are given
   CHECK(run_ubs(folder, "bench --run adam --baseline absent.json").code == 3);
 }
 
-TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
+TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
   const TempFolder folder;
   const std::string run = "bench --quick --run '(adam|raster_forward|iteration|render).synthetic' ";
   const Result first = run_ubs(folder, run + "--json a.json");
@@ -58,7 +58,8 @@ TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
     CHECK(c["peak_bytes"] > 0);
     CHECK(first.out.find(c["name"].get<std::string>()) != std::string::npos);
   }
-  // A past in which everything took a hundredth of the time, known exactly; and one a hundred times slower.
+  // One baseline in which everything took a hundredth of the time without any uncertainty, and one in which
+  // everything was a hundred times slower.
   for (const double factor : {0.01, 100.0}) {
     json doctored = file;
     for (json& c : doctored["devices"][0]["cases"]) {
@@ -76,15 +77,16 @@ TEST_CASE("bench: JSON, and the exit code of a doctored baseline") {
   put(folder / "old.json", other.dump());
   const std::string one = "bench --quick --run adam.synthetic ";
   const Result apart = run_ubs(folder, one + "--baseline old.json");
-  CHECK(apart.code == 3);  // a gate with a wrong file passed
-  CHECK(apart.err.find("no case of this run is in it") != std::string::npos);
+  CHECK(apart.code == 3);  // earlier versions passed with a wrong file
+  CHECK(apart.err.find("the baseline contains no case of this run") != std::string::npos);
   put(folder / "old.json", "{}");
   CHECK(run_ubs(folder, one + "--baseline old.json").code == 3);
 }
 
-TEST_CASE("bench: an interrupted run saves what it has and exits with 130") {
+TEST_CASE("bench: an interrupted run saves its results so far and exits with 130") {
   const TempFolder folder;
-  // The signal comes when the first of four cases is there. bash -m: see the interrupted run of cli_test.cpp.
+  // The signal is sent when the first of four cases is finished. For bash -m see the interrupted run in
+  // cli_test.cpp.
   put(folder / "run.sh",
       fmt::format("'{}' bench --run '^iteration.*synthetic' --sizes 64x64/1K --min-time 1 --max-time 1 "
                   "--json a.json >out & pid=$!\n"
@@ -130,7 +132,7 @@ TEST_CASE("bench: data of another layout, models of another form") {
   ubs_ok(folder, "bench --quick --device opencl --run '^lists' --set math=native --json t.json");
   const json report = json::parse(get(folder / "t.json"));
   CHECK(report["math"] == "native");
-  // They reach a stage, which then holds less.
+  // The settings reach a stage, which then needs less memory.
   const auto adam_bytes = [&](const std::string& options) {
     ubs_ok(folder, "bench --quick --device opencl --run adam.synthetic --overwrite --json a.json" + options);
     return json::parse(get(folder / "a.json"))["devices"][0]["cases"][0]["peak_bytes"].get<std::uint64_t>();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measurements on the devices: they measure what they claim to, and memory is what the plan says.
+// Tests of measurements on devices: they measure what they claim to measure, and memory agrees with the
+// estimate.
 #include <catch2/catch.hpp>
 
 #include "host/device/registry.hpp"
@@ -44,7 +45,8 @@ TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
         INFO(device->info().name << ", N = " << dim << ", raster "
                                  << (raster == RasterKind::cpu ? "cpu" : "gpu")
                                  << ": peak / predicted = " << ratio);
-        // Observed on PoCL: 0.977 to 0.987; the scratch of refinement, predicted, comes with the first one.
+        // Observed on PoCL: 0.977 to 0.987. The estimate includes the scratch memory of refinement, which is
+        // allocated by the first refinement.
         CHECK(ratio > 0.97);
         CHECK(ratio < 1.01);
       }
@@ -91,11 +93,11 @@ TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
   }
 }
 
-TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memory]") {
+TEST_CASE("memory plan: bytes per splat, pixel and intersection", "[memory]") {
   const MemoryPlan plan =
       plan_memory({.dim = 6, .splats = 64'000, .width = 160, .height = 160, .intersections = 1000});
-  // Four times 35 parameters, record and its gradient, five words of keys and counts, three of sorting, four
-  // of MCMC.
+  // Four arrays of 35 parameters, the record and its gradient, five words for keys and counts, three for
+  // sorting, and four for MCMC.
   CHECK(plan.each(MemoryUnit::splat) == 4 * (4 * 35 + 16 + 16 + 5 + 3 + 4));
   CHECK(plan.each(MemoryUnit::intersection) == 4 * 2 + 2 + 64);
   CHECK(plan.largest().bytes == row_stride(64'000) * 35ull * 4);
@@ -111,7 +113,7 @@ TEST_CASE("memory plan: what a splat, a pixel and an intersection cost", "[memor
   CHECK(summary(plan).find("MiB") != std::string::npos);
 }
 
-// A least alpha is other kernels for every stage and for whole iterations.
+// With alpha_min, every stage and whole iterations use different kernels.
 TEST_CASE("bench: approximations reach every case", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(3, 3'000, 100, 70, 1);
@@ -129,14 +131,14 @@ TEST_CASE("bench: approximations reach every case", "[bench]") {
   }
 }
 
-TEST_CASE("bench: models of another form are measured in that form", "[bench]") {
+TEST_CASE("bench: a model is measured in its own form", "[bench]") {
   const ModelVariant form{.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh1};
   for (const auto& device : devices_under_test()) {
     const RasterKind raster = raster_kind("auto", device->info());
     const BenchScene scene = random_start(3, 2'000, 64, 64, form);
     StepBench bench(*device, scene, raster);
     for (const std::string& stage : step_stages()) CHECK(bench.measure(stage, kOnce).wall_ms.median > 0);
-    // Splats of the Beta kernel reach as far as a deviation, these three times as far.
+    // Splats with the Beta kernel extend to one standard deviation, these to three.
     const auto beta = StepBench(*device, random_start(3, 2'000, 64, 64), raster).totals().intersections;
     CHECK(bench.totals().intersections > 2 * beta);
     const IterationMeasurement m = measure_iterations(*device, scene, {.raster = raster, .limits = kOnce});
@@ -144,7 +146,7 @@ TEST_CASE("bench: models of another form are measured in that form", "[bench]") 
   }
 }
 
-TEST_CASE("bench: every stage is measured, and the model is left as it was", "[bench]") {
+TEST_CASE("bench: every stage is measured, and the model is not changed", "[bench]") {
   for (const auto& device : devices_under_test()) {
     const BenchScene scene = synthetic_object(6, 2'000, 64, 48, 2);
     StepBench bench(*device, scene, raster_kind("auto", device->info()));
@@ -174,7 +176,7 @@ TEST_CASE("bench: iterations do not move the scene", "[bench]") {
   }
 }
 
-TEST_CASE("bench: a case that the host has no memory for is a note", "[bench]") {
+TEST_CASE("bench: a case that exceeds the memory of the host adds a note", "[bench]") {
   bench::RunOptions options;
   options.quick = true;
   options.limits = kOnce;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of the benchmark that need no device: statistics, scenes, cases, comparison.
+// Tests of the parts of the benchmark that need no device: statistics, scenes, cases and comparison.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -26,7 +26,7 @@ TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
   CHECK(summarise({}).samples == 0);
   CHECK(summarise(std::vector<double>{7}).uncertainty() == 1);
 
-  // Standard deviation of medians of 101 normal values against the estimate from one such set.
+  // Compares the standard deviation of medians of 101 normal values with the estimate from one such set.
   std::mt19937 generator(1);
   std::normal_distribution<double> noise(10, 1);
   std::vector<double> medians, estimates;
@@ -43,7 +43,7 @@ TEST_CASE("bench: median, quartiles and the uncertainty of the median") {
   CHECK(summarise(estimates).median == Approx(std::sqrt(squared)).epsilon(0.03));  // observed: 0.2 %
 }
 
-TEST_CASE("bench: sampling stops when the median is known, or the time is over") {
+TEST_CASE("bench: sampling stops when the median is accurate enough, or the time is over") {
   Sampler quiet({.uncertainty = 0.01, .min_seconds = 0, .max_seconds = 100, .min_samples = 5});
   for (int i = 0; i < 4; ++i) quiet.add(1);
   CHECK_FALSE(quiet.enough());
@@ -58,7 +58,7 @@ TEST_CASE("bench: sampling stops when the median is known, or the time is over")
   CHECK(late.enough());
 }
 
-TEST_CASE("bench: the synthetic object has the statistics it promises") {
+TEST_CASE("bench: the synthetic object has the documented statistics") {
   for (const int dim : {3, 6, 7}) {
     const BenchScene scene = synthetic_object(dim, 30'000, 200, 200, 1);
     const oracle::Render view =
@@ -96,7 +96,7 @@ TEST_CASE("bench: the garden from a folder of arrays") {
   put_array("colors", {2, 3}, {255, 0, NAN, 0, 128, 300});
   CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("not finite") != std::string::npos);
   put_array("colors", {1, 3}, {1, 2, 3});
-  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("belong together") != std::string::npos);
+  CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("do not match") != std::string::npos);
   put_array("colors", {2, 3}, {255, 0, 0, 0, 128, 300});
   put_array("Ks", {1, 3, 3}, {0, 0, 10, 0, 60, 5, 0, 0, 1});
   CHECK(message_of([&] { garden_scene(folder.path(), 6); }).find("camera 0: the focal") != std::string::npos);
@@ -152,14 +152,14 @@ std::vector<Comparison> compared(const DeviceReport& now, const DeviceReport& ol
 
 }  // namespace
 
-TEST_CASE("bench: a slower baseline is told from noise") {
+TEST_CASE("bench: a significant slowdown is distinguished from noise") {
   const DeviceReport old = report_with(10, 9.5, 0.2);
   REQUIRE(compared(report_with(12, 11.5, 0.2), old).size() == 1);
   CHECK(compared(report_with(12, 11.5, 0.2), old)[0].regression);
   CHECK(compared(report_with(12, 11.5, 0.2), old)[0].ratio == Approx(1.2));
   CHECK_FALSE(compared(report_with(10.4, 10.2, 0.2), old)[0].regression);  // below 5 %
   CHECK_FALSE(compared(report_with(12, 9.6, 0.2), old)[0].regression);     // the minimum did not move
-  CHECK_FALSE(compared(report_with(12, 11, 12), old)[0].regression);       // not known well enough
+  CHECK_FALSE(compared(report_with(12, 11, 12), old)[0].regression);       // not accurate enough
   CHECK_FALSE(compared(report_with(8, 7.5, 0.2), old)[0].regression);
   CHECK(comparison_text(compared(report_with(12, 11.5, 0.2), old)).find("SLOWER") != std::string::npos);
   CHECK(comparison_text(compared(report_with(8, 7.5, 0.2), old)).find("faster") != std::string::npos);
@@ -185,7 +185,7 @@ TEST_CASE("bench: a slower baseline is told from noise") {
               }).empty());
 }
 
-TEST_CASE("bench: two devices stand side by side") {
+TEST_CASE("bench: two devices are compared side by side") {
   DeviceReport first = report_with(10, 9, 1), second = report_with(5, 4, 1);
   second.info.name = "another device";
   const std::string text = device_comparison(std::vector{first, second});

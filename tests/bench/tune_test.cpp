@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ubs-lab tune` chooses, from given times: a constant's times do not depend on the others'.
+// Tests which constants `ubs-lab tune` chooses from simulated times. The time of each constant is independent
+// of the other constants.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <map>
@@ -18,11 +19,11 @@ const std::vector<TunedConstant> kTable{
 
 struct Given {
   std::map<std::pair<std::string, unsigned>, double>
-      factor;                                                // of the time of a value that is not the default
-  std::map<std::pair<std::string, unsigned>, float> result;  // what it adds to the outputs
+      factor;  // factor on the time for a value that is not the default
+  std::map<std::pair<std::string, unsigned>, float> result;  // change of the outputs
   std::pair<std::string, unsigned> refused{"", 0};
   ErrorKind refusal = ErrorKind::device;
-  double noise = 0;  // every other call takes so much more
+  double noise = 0;  // additional time of every second call
   std::vector<TuningValues> made;
 };
 
@@ -71,12 +72,12 @@ Chosen choose(Given& given, TuneOptions options = {.raster = RasterKind::gpu, .o
   return chosen;
 }
 
-TEST_CASE("tune keeps the fastest value of each constant, with those before it") {
+TEST_CASE("tune keeps the fastest value of each constant, combined with the constants chosen before") {
   Given given{
       .factor = {{{"A", 1}, 0.9}, {{"A", 2}, 0.8}, {{"A", 3}, 1.1}, {{"B", 4}, 0.99}, {{"B", 16}, 0.5}}};
   const Chosen chosen = choose(given);
   CHECK(chosen.values == TuningValues{{"A", 2}, {"B", 16}});
-  CHECK(chosen.trials.size() == 5);  // each candidate once, none of the other raster kind
+  CHECK(chosen.trials.size() == 5);  // each candidate once, and none of the other rasteriser
   CHECK(chosen.of("A", 2).kept);
   CHECK(chosen.of("A", 2).ms == Approx(8));
   CHECK(chosen.of("A", 2).before_ms == Approx(10));
@@ -87,7 +88,7 @@ TEST_CASE("tune keeps the fastest value of each constant, with those before it")
   CHECK(std::ranges::find(given.made, TuningValues{{"A", 2}, {"B", 16}}) != given.made.end());
 }
 
-TEST_CASE("tune stores nothing where nothing is faster, or not for sure") {
+TEST_CASE("tune stores nothing if no value is significantly faster") {
   Given given;
   CHECK(choose(given).values.empty());
   given.factor = {{{"A", 1}, 0.97}, {{"B", 4}, 1.2}, {{"B", 16}, 0.985}};
@@ -96,7 +97,7 @@ TEST_CASE("tune stores nothing where nothing is faster, or not for sure") {
   CHECK(choose(given).values.empty());
 }
 
-TEST_CASE("tune refuses what changes results or does not run") {
+TEST_CASE("tune rejects values that change results or fail") {
   Given given{.factor = {{{"A", 1}, 0.9}, {{"A", 2}, 0.5}, {{"B", 16}, 0.5}},
               .result = {{{"A", 2}, 1e-3f}},
               .refused = {"B", 16}};
@@ -108,7 +109,7 @@ TEST_CASE("tune refuses what changes results or does not run") {
   CHECK_THROWS_AS(choose(given), Error);
 }
 
-TEST_CASE("tune begins nothing after its time") {
+TEST_CASE("tune starts no trial after its time limit") {
   Given given{.factor = {{{"A", 1}, 0.5}}};
   const Chosen chosen = choose(given, {.raster = RasterKind::gpu, .max_seconds = 0, .on_trial = {}});
   CHECK(chosen.values.empty());

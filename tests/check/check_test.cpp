@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The check of devices: kernels with one formula or one barrier broken are found, a device that was chosen by
-// itself is passed over, one that was asked for is refused, and verdicts are remembered.
+// Tests of the device check. It must detect kernels in which one formula or barrier is broken. A broken
+// device is skipped if ubs chose it, and rejected if the user chose it. Verdicts are stored.
 #include <unistd.h>
 
 #include <algorithm>
@@ -29,10 +29,10 @@ using Json = nlohmann::json;
 const std::string kCheck = "devices --check --dim 3 --device opencl";
 
 struct Mutation {
-  const char *stage, *file, *original, *mutant;  // `stage`: what must be found wrong
+  const char *stage, *file, *original, *mutant;  // `stage` is the stage in which the error must be found
 };
 
-// Of each what takes part in: forward, backward, lists, loss, a step's end, relocation; and a barrier.
+// One mutation each for forward, backward, lists, loss, the end of a step and relocation, and one barrier.
 constexpr Mutation kMutations[] = {
     {"projection", "math/ellipse.h", "out.cov.c = s.c + eps2d;", "out.cov.c = s.c + R(1.01) * eps2d;"},
     {"backward rasteriser", "math/blend.h", "sums.r += step.weight * v_r;",
@@ -43,7 +43,7 @@ constexpr Mutation kMutations[] = {
     {"relocation", "math/mcmc.h", "ubs_softplus(raw_opacity) / parts",
      "ubs_softplus(raw_opacity) / (parts + V(1.0))"},
     {"lists", "opencl/tile_list_chunks.cl", "drawn += here > 0 ? 1 : 0;", "drawn += here > 1 ? 1 : 0;"},
-    // The one reads what the others have not written yet.
+    // Without this barrier, one work-item reads values that the others have not written yet.
     {"loss", "gpu/loss.cl", "  UBS_BARRIER();\n  if (me > 0) return;", "  if (me > 0) return;"},
 };
 
@@ -51,7 +51,7 @@ fs::path mutant(const TempFolder& folder, const Mutation& m) {
   return changed_kernels(folder, m.file, m.original, m.mutant);
 }
 
-// Stages that are wrong, of a report of `ubs devices --check --json`.
+// Returns the stages with wrong results in the output of `ubs devices --check --json`.
 std::vector<std::string> wrong_stages(const Result& result) {
   std::vector<std::string> wrong;
   const Json report = Json::parse(result.out);
@@ -61,30 +61,30 @@ std::vector<std::string> wrong_stages(const Result& result) {
   return wrong;
 }
 
-TEST_CASE("devices --check: right kernels pass, a line a stage") {
+TEST_CASE("devices --check: correct kernels pass, with one line per stage") {
   const TempFolder folder;
   const Result text = ubs_ok(folder, kCheck);
-  for (const char* stage : {"lists", "projection", "rasteriser", "backward rasteriser", "backward projection",
-                            "loss", "image", "gradient", "the same bits again", "Adam", "penalties",
-                            "relocation", "growth", "noise", "image metrics"})
+  for (const char* stage :
+       {"lists", "projection", "rasteriser", "backward rasteriser", "backward projection", "loss", "image",
+        "gradient", "reproducibility", "Adam", "penalties", "relocation", "growth", "noise", "image metrics"})
     CHECK(text.out.find(fmt::format("\n  {} ", stage)) != std::string::npos);
   CHECK(text.out.find("WRONG") == std::string::npos);
   const Json devices = Json::parse(ubs_ok(folder, "devices --json --device opencl").out);
   CHECK(devices["devices"][devices["chosen"].get<std::size_t>()]["check"]["verdict"] == "ok");
 }
 
-TEST_CASE("devices --check: a form of one dimension is taken for that dimension") {
+TEST_CASE("devices --check: a form that exists in only one dimension is checked in that dimension") {
   const TempFolder folder;
   check_error(folder, "devices --check --dim 6 --rot-mode quaternion --device none-such",
               exit_code(ErrorKind::usage), "dim = 3");
   check_error(folder, "devices --check --dim 3 --rot-mode quaternion --device none-such",
               exit_code(ErrorKind::device), "none-such");
-  for (const char* dims : {"0", "6,2"})  // internal errors
+  for (const char* dims : {"0", "6,2"})  // these were internal errors
     check_error(folder, fmt::format("devices --check --dim {} --device none-such", dims),
                 exit_code(ErrorKind::usage), "from 3 to 11");
 }
 
-TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {
+TEST_CASE("correct kernels pass in the form of 3D Gaussian Splatting") {
   KernelConfig config;
   config.dim = 3;
   config.variant.kernel = SpatialKernel::gaussian;
@@ -97,7 +97,7 @@ TEST_CASE("right kernels pass in the form of 3D Gaussian splatting") {
   }
 }
 
-TEST_CASE("devices --check: one formula or barrier of the kernels broken is found") {
+TEST_CASE("devices --check: a broken formula or barrier in the kernels is detected") {
   for (const Mutation& m : kMutations) {
     const TempFolder folder;
     const Variable kernels("UBS_KERNEL_DIR", mutant(folder, m).c_str());
@@ -109,7 +109,7 @@ TEST_CASE("devices --check: one formula or barrier of the kernels broken is foun
   }
 }
 
-// A GPU that is the first OpenCL device with broken kernels.
+// A simulated GPU: the first OpenCL device, with broken kernels.
 Backend broken_gpu() {
   const auto list = [] {
     DeviceInfo info = opencl::list_devices().at(0);
@@ -120,12 +120,12 @@ Backend broken_gpu() {
   return {list, [](std::size_t) { return opencl::open_device(0); }};
 }
 
-TEST_CASE("first use: a broken device that was chosen by itself is passed over, one asked for is refused") {
+TEST_CASE("first use: a broken device is skipped if ubs chose it, and rejected if the user chose it") {
   register_backend(broken_gpu());
   const TempFolder folder;
   const std::string kernels = mutant(folder, kMutations[0]).string();
   const Variable on("UBS_CHECK", "on"), any("UBS_DEVICE", nullptr);
-  // A build of its own: nothing is known of it.
+  // Uses a separate build number, for which no verdicts are stored.
   const std::string build = fmt::format("test-{}-{}", ::getpid(), std::time(nullptr));
   const check::Use use{[](const DeviceInfo&) {
                          KernelConfig config;
@@ -148,8 +148,8 @@ TEST_CASE("first use: a broken device that was chosen by itself is passed over, 
   const std::size_t broken = devices.size() - 1;
   REQUIRE(devices[broken].name == "Broken GPU");
   CHECK(choose_device(devices, "") == broken);
-  // In the first round the CPU's verdict is one of the mutant's folder, which was in force when it was looked
-  // up.
+  // In the first round, the verdict of the CPU is stored for the folder of the mutant, which was in use when
+  // the verdict was looked up.
   for (const std::size_t checks : {2u, 1u, 0u}) {
     INFO(checks << " checks expected");
     checked.clear(), warnings.clear();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The vectors that devices are checked with, and the table of forms: which form stands for which, all of them
-// are there, and damaged or foreign vectors are refused.
+// Tests of the reference data of the device check, and of the table of forms: which form represents which,
+// that all of them exist, and that damaged or foreign data are rejected.
 #include "host/check/vectors.hpp"
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace ubs::check {
 namespace {
 
-TEST_CASE("forms: each of the table stands for itself, and all N are there") {
+TEST_CASE("forms: each form of the table represents itself, and all N are included") {
   for (std::size_t i = 0; i < forms().size(); ++i) {
     INFO("N = " << forms()[i].dim << ", " << to_string(forms()[i].variant));
     CHECK(nearest_form(forms()[i]) == i);
@@ -23,14 +23,14 @@ TEST_CASE("forms: each of the table stands for itself, and all N are there") {
   CHECK_THROWS_AS(nearest_form({12}), Error);
 }
 
-TEST_CASE("forms: one without vectors is checked in the nearest one of the same N") {
+TEST_CASE("forms: a form without reference data is checked in the nearest form with the same N") {
   const auto nearest = [](const Form& form) { return forms()[nearest_form(form)]; };
   const ModelVariant whiten{.cov_mode = CovMode::whiten};
   ModelVariant whiten_sh1 = whiten;
   whiten_sh1.colour = ColourMode::sh1;
-  CHECK(nearest({6, whiten, true}) == Form{6, whiten});       // as near as {6, {}, true}, and before it
+  CHECK(nearest({6, whiten, true}) == Form{6, whiten});  // as near as {6, {}, true}, and listed before it
   CHECK(nearest({6, whiten_sh1, false}) == Form{6, whiten});  // likewise before {6, sh1}
-  CHECK(nearest({9, whiten}) == Form{9});                     // N alone decides
+  CHECK(nearest({9, whiten}) == Form{9});                     // only N matters
   CHECK(nearest({3, {}, true}) == Form{3});
   const ModelVariant dbs3{.rot_mode = RotMode::quaternion, .colour = ColourMode::sb3};
   CHECK(nearest({3, dbs3}).variant.rot_mode == RotMode::quaternion);
@@ -40,7 +40,7 @@ TEST_CASE("forms: one without vectors is checked in the nearest one of the same 
   const KernelConfig checked = checked_config(config);
   CHECK(form_of(checked) == Form{7, {}, true});
   CHECK(checked.alpha_min == 0);
-  CHECK_FALSE(checked.backward);  // of the caller, as the rasteriser
+  CHECK_FALSE(checked.backward);  // chosen by the caller, like the rasteriser
   CHECK(form_text(checked) == "N = 7, vectors, query_grad, forward only");
 }
 
@@ -67,7 +67,7 @@ TEST_CASE("vectors: every form has a scene with gradients") {
   }
 }
 
-TEST_CASE("vectors: what is packed is unpacked, and damage is found") {
+TEST_CASE("vectors: unpacking restores packed data, and damage is detected") {
   const Vectors& v = embedded_vectors();
   const std::vector<std::byte> bytes = pack(v);
   const Vectors again = unpack(bytes);

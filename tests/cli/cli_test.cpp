@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The executable as a user meets it: started as a process, judged by exit code, output and files.
+// Tests the executable as users run it: as a process, checked by its exit code, output and files.
 #include <catch2/catch.hpp>
 #include <chrono>
 #include <cmath>
@@ -32,7 +32,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// 32 x 32 glossy scene in data/, made once per folder.
+// Creates a 32 x 32 glossy scene in data/, once per folder.
 void synthesise(const TempFolder& folder, const std::string& scene = "glossy") {
   put_scene(folder / "data", 32, 8, 3, scene);
 }
@@ -43,7 +43,8 @@ void train(const TempFolder& folder, const std::string& out, const std::string& 
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
 }
 
-// data/ and the model that train() makes of it, run/model.ply, trained once for all tests.
+// A folder with data/ and the model run/model.ply that train() creates from it. The model is trained once for
+// all tests.
 void put_trained(const TempFolder& folder) {
   static const TempFolder made;
   if (!fs::exists(made / "run/model.ply")) {
@@ -81,7 +82,7 @@ TEST_CASE("cli: metrics of images and folders") {
   CHECK(same["mean"]["ssim"] == 1);
   CHECK(same["mean"]["ssim_valid"] == 1);
   CHECK(same == json::parse(get(folder / "m.json")));
-  // A known difference: two images of one colour.
+  // The difference of two images of a single colour is known.
   for (const char* name : {"a", "b"}) fs::create_directories(folder / name);
   save_png(folder / "a/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 100)});
   save_png(folder / "b/x.png", {32, 32, std::vector<std::uint8_t>(3 * 32 * 32, 110)});
@@ -94,8 +95,8 @@ TEST_CASE("cli: metrics of images and folders") {
         Approx((2 * m1 * m2 + 1e-4) / (m1 * m1 + m2 * m2 + 1e-4)).epsilon(1e-5));
   save_png(folder / "small.png", {8, 8, std::vector<std::uint8_t>(3 * 8 * 8, 100)});
   CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
-  for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");  // WebP was passed over
-  for (const char* folders : {"twice b", "b twice"})  // which of them was measured was chance
+  for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");  // WebP was skipped
+  for (const char* folders : {"twice b", "b twice"})  // which of them was measured was random
     check_error(folder, fmt::format("metrics {}", folders), 3, "have the same name without extension");
   check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
   check_error(folder, "metrics small.png none.png", 3, "none.png: no such file");
@@ -112,7 +113,7 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   const TempFolder folder;
   check_error(folder, "trian", 2, "did you mean 'train'?");
   check_error(folder, "train --out o", 2, "no data folder given");
-  // What people give in place of a data folder.
+  // Arguments that users may pass by mistake instead of a data folder.
   for (const char* name : {"scan.spz", "photo.JPG", "clip.mp4", "IMG_1.HEIC"})
     std::ofstream(folder / name) << "x";
   check_error(folder, "train scan.spz", 3,
@@ -134,11 +135,11 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
   check_error(folder, "render --model m --data d --out o --format jpg", 2, "jpg");
   check_error(folder, "eval --model m --data d --set iterations=3", 2, "unknown key 'iterations'");
   check_error(folder, "synth castle --out o", 2, "castle");
-  CHECK(file_count(folder.path()) == 6);  // stdout.txt and stderr.txt: nothing was made
+  CHECK(file_count(folder.path()) == 6);  // stdout.txt and stderr.txt: nothing else was created
 }
 
-// Each ran, with exit code 0, as if the option were not there.
-TEST_CASE("cli: an option without what it belongs to is refused") {
+// In earlier versions, each of these commands ran and ignored the option.
+TEST_CASE("cli: an option is rejected if the option that it requires is missing") {
   const TempFolder folder;
   for (const char* arguments : {"plan d --depth", "plan d --split train"})
     check_error(folder, arguments, 2, "requires --model");
@@ -157,30 +158,31 @@ TEST_CASE("cli: an option without what it belongs to is refused") {
   check_error(folder, "tune --size 48x40/500 m.ply", 2, "excludes");
   check_error(folder, "render m --video v.mp4 --format npy", 2, "--format requires --out");
   check_error(folder, "render m --out o --fps 10", 2, "--fps requires --video");
-  check_error(folder, "web m --out o.ubsz --title T", 2, "only apply to an HTML page");
+  check_error(folder, "web m --out o.ubsz --title T", 2, "only apply to HTML pages");
   check_error(folder, "bench --data d --list", 2, "--data requires --model");
   check_error(folder, "accuracy --out a --split train", 2, "--split requires --model");
-  check_error(folder, "accuracy --out a m --splats 100", 2, "--splats is of embedded scenes");
+  check_error(folder, "accuracy --out a m --splats 100", 2, "--splats only applies to built-in scenes");
   check_error(folder, "convert m.ply o.spz --degree 1", 2, "--degree requires --distill");
   check_error(folder, "convert m.ply o.spz --series 2 --time 1", 2, "--time excludes");
-  CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing was made
+  CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing else was created
 }
 
-// Found after the work, it was lost: tune, bench and reduce work for minutes.
-TEST_CASE("cli: a file that cannot be written is refused before the work") {
+// If this is only detected at the end, the results are lost, and tune, bench and reduce run for minutes.
+TEST_CASE("cli: a file that cannot be written is rejected before the work starts") {
   const TempFolder folder;
   put(folder / "g/full", "");
   for (const char* arguments : {"tune --quick --dry-run --json no/t.json", "bench --quick --json no/b.json"})
     check_error(folder, arguments, 3, ".json: cannot write: No such file or directory");
   check_error(folder, "tune --quick --dry-run --json g", 3, "this is a folder");
   CHECK_FALSE(fs::exists(folder / "no"));
-  // A video may lie in the folder of the pictures, which is not there yet.
+  // A video may be in the folder of the images, which does not exist yet.
   write_splat_ply(folder / "m.ply", initialise_random(3, 20, 1));
   ubs_ok(folder, "render m.ply --path orbit --path-frames 2 --out p --video p/v.avi");
   CHECK(fs::exists(folder / "p/v.avi"));
 }
 
-// A range without an upper end printed the largest double, 309 digits of it, and NaN lay in all of them.
+// In earlier versions, a range without an upper limit printed the 309 digits of the largest double, and NaN
+// was inside every range.
 TEST_CASE("cli: a number out of range is one short line, and NaN is out of every range") {
   const TempFolder folder;
   const auto refused = [&](const std::string& arguments, const std::string& message) {
@@ -199,7 +201,7 @@ TEST_CASE("cli: a number out of range is one short line, and NaN is out of every
   for (const char* bad : {"-90", "89.5", "nan"})
     refused(fmt::format("render m --out o --elevation {}", bad),
             fmt::format("--elevation: expected a number from -89 to 89, not {}", bad));
-  // Unsigned ones: -1 was 18446744073709551615.
+  // Unsigned numbers: earlier versions read -1 as 18446744073709551615.
   for (const char* arguments : {"synth glossy --out o --seed", "accuracy --out o --view"})
     refused(fmt::format("{} -1", arguments), ": expected a number of 0 or more, not -1");
   refused("plan d --ranks 2 --splats 0", "--splats: expected a number from 1 to 1000000000000, not 0");
@@ -210,7 +212,7 @@ TEST_CASE("cli: unusable data is one line and exit code 3") {
   const TempFolder folder;
   check_error(folder, "train --data nowhere --out o", 3, "nowhere: no such data folder");
   check_error(folder, "info none.ply", 3, "none.ply: no such file");
-  // Not "no data folder given", of a model that is not there.
+  // The message must not be "no data folder given" if the model does not exist.
   for (const char* arguments :
        {"eval none.ply", "reduce none.ply --out o.ply", "compare --devices cpu none.ply",
         "gradients none.ply --view 0 --out o.ply", "plan --model none.ply"})
@@ -228,13 +230,13 @@ TEST_CASE("cli: unusable data is one line and exit code 3") {
   CHECK_FALSE(fs::exists(folder / "o"));
 }
 
-TEST_CASE("cli: an unknown device is exit code 4 and names what there is") {
+TEST_CASE("cli: an unknown device gives exit code 4, and the message lists the devices") {
   const TempFolder folder;
   synthesise(folder);
   check_error(folder, "train --data data --out o --device nosuchdevice", 4,
               "'nosuchdevice' matches no device");
   CHECK_FALSE(fs::exists(folder / "o"));
-  // Of several before the first is measured: what it took was lost.
+  // All names are checked before the first device is measured, because its results would be lost.
   check_error(folder, "bench --quick --run render.synthetic --device 0,nosuchdevice", 4,
               "'nosuchdevice' matches no device");
   const json devices = json::parse(ubs_ok(folder, "devices --json").out);
@@ -281,7 +283,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     CHECK(pair.rgb[static_cast<std::size_t>(192 * 16 + x)] ==
           truth.rgb[static_cast<std::size_t>(96 * 16 + x)]);
 
-  // eval of the file gives what training measured in memory.
+  // eval of the file gives the values that training measured in memory.
   const json eval =
       json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json --out e.json").out);
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
@@ -317,7 +319,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
     const double error = std::clamp(rgb.values[i], 0.0f, 1.0f) - truth.rgb[i] / 255.0;
     squared += error * error / static_cast<double>(rgb.values.size());
   }
-  // Float sums on the device; observed 8.1e-8 dB (PoCL).
+  // The device sums in float; observed 8.1e-8 dB (PoCL).
   CHECK(-10 * std::log10(squared) == Approx(eval["views"][0]["psnr_joint"].get<double>()).margin(1.6e-7));
   for (const float a : alpha.values) CHECK((a >= 0 && a <= 1));
   CHECK(*std::max_element(alpha.values.begin(), alpha.values.end()) > 0.5f);
@@ -341,7 +343,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
   CHECK(info["groups"]["sh_rest"]["count"] == 24);
   CHECK(info["noted_cameras"] == 8);
-  // The file alone tells eval how to draw: what training measured in memory comes back.
+  // The file alone determines how eval renders, and the values are those that training measured in memory.
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
@@ -349,7 +351,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   ubs_ok(folder, "render --model run/model.ply --data data --out r --views 0");
   ubs_ok(folder, "gradients --model run/model.ply --data data --view 1 --out g.ply");
   CHECK(read_splat_ply(folder / "g.ply").variant == read_splat_ply(folder / "run/model.ply").variant);
-  // config.yaml repeats the run.
+  // config.yaml reproduces the run.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml");
   CHECK(get(folder / "again/model.ply") == get(folder / "run/model.ply"));
   check_error(folder, "train --data data --out no --rot-mode quaternion", 2,
@@ -385,10 +387,10 @@ TEST_CASE("cli: the unit of the data does not matter") {
   CHECK(own["settings"]["noise_lr"] == tiny["settings"]["noise_lr"]);
   const json as_it_is = trained("tiny", "as-it-is", "--unit 1");
   CHECK(number(as_it_is["test"]["mean"]["psnr"]) < psnr - 0.5);
-  // Relative to the scene, the noise of positions is as strong as in published scenes.
+  // The noise of positions has the same strength, relative to the scene, as in published scenes.
   CHECK(number(own["settings"]["noise_lr"]) == 1.6e7);
   CHECK(as_it_is["settings"]["noise_lr"] == "auto");  // 1e6
-  // The written model is in the unit of the data; its figures differ by the rounding of the multiplication.
+  // The written model is in the unit of the data, so its values differ by the rounding of the multiplication.
   for (const char* run : {"own", "tiny-run"}) {
     const json measured = json::parse(ubs_ok(folder, fmt::format("eval {} --json", run)).out);
     const json& then = run == std::string("own") ? own : tiny;
@@ -397,7 +399,7 @@ TEST_CASE("cli: the unit of the data does not matter") {
   check_error(folder, "train --data data --out no --cov-param skew_nd --unit 5", 2, "choose unit = 1");
 }
 
-TEST_CASE("cli: work that is left out is recorded, and follows the configuration of the run") {
+TEST_CASE("cli: settings that skip work are recorded, and repeated with the configuration of the run") {
   const TempFolder folder;
   synthesise(folder);
   train(folder, "run", "--alpha-min 0.05 --freeze rgb --unit 1");
@@ -430,7 +432,7 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   const SplatModel model = read_splat_ply(folder / "run/model.ply");
   REQUIRE(gradient.values.size() == model.values.size());
 
-  // Along the colour gradient, in which the loss is smooth: (L(x + h g) - L(x - h g)) / 2h = |g|^2.
+  // The loss is smooth along the colour gradient: (L(x + h g) - L(x - h g)) / 2h = |g|^2.
   double squared = 0;
   std::array<double, 2> loss{};
   const int rows[] = {model.layout().rgb, model.layout().rgb + 1, model.layout().rgb + 2};
@@ -450,12 +452,12 @@ TEST_CASE("cli: gradients agree with finite differences of their own loss") {
   CHECK((loss[1] - loss[0]) / (2 * h) == Approx(squared).epsilon(0.005));
 }
 
-TEST_CASE("cli: gradients against a target file, and what is refused") {
+TEST_CASE("cli: gradients with a target file, and invalid arguments") {
   const TempFolder folder;
   put_trained(folder);
   const std::string base = "gradients --model run/model.ply --data data --out g.ply --overwrite --view ";
   ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --views 1");
-  // A render compared with itself: no loss.
+  // If a render is compared with itself, the loss is 0.
   const json self = json::parse(ubs_ok(folder, base + "1 --target n/r_001.npy --json").out);
   CHECK(self["l1"] == 0);
   CHECK(self["loss"].get<double>() == Approx(0).margin(1e-6));
@@ -495,7 +497,7 @@ TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
   ubs_ok(folder, "train --data data --out b --spec a/config.yaml");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK(get(folder / "a/config.yaml") == get(folder / "b/config.yaml"));
-  // Later wins: --set over --spec, an option over --set.
+  // Later ones win: --set overrides --spec, and an option overrides --set.
   ubs_ok(folder, "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
   const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
   CHECK(settings["seed"] == 9);
@@ -544,10 +546,10 @@ TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {
   CHECK(quiet.err.empty());
 }
 
-TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
+TEST_CASE("cli: an interrupted run saves its results so far and exits with 130") {
   const TempFolder folder;
   synthesise(folder);
-  // The signal goes to the training process once its log has a row; twice, as `timeout` would send it.
+  // The signal is sent to the training process when its log has a row. It is sent twice, as by `timeout`.
   put(folder / "run.sh",
       fmt::format("'{}' train --data data --out run --iterations 1000000 --init-points 200 "
                   "--cap-max 200 --log-every 5 --quiet & pid=$!\n"
@@ -565,14 +567,15 @@ TEST_CASE("cli: an interrupted run saves what it has and exits with 130") {
   CHECK(read_splat_ply(folder / "run/model.ply").count == 200);
 }
 
-TEST_CASE("tune stores what later commands apply, and a dry run stores nothing") {
+TEST_CASE("tune stores values that later commands use, and a dry run stores nothing") {
   const TempFolder folder;
   setenv("UBS_TUNING", "on", 1);
   setenv("UBS_TUNING_DIR", (folder / "tuning").c_str(), 1);
   const Result dry = ubs_ok(folder, "tune --quick --dry-run --raster gpu --max-time 0.01");
-  CHECK(dry.out.find("nothing is stored") != std::string::npos);
+  CHECK(dry.out.find("not stored") != std::string::npos);
   CHECK_FALSE(fs::exists(folder / "tuning"));
-  // Time for the first trials, whose kernels are there by now; those that are left out are in the report too.
+  // The time suffices for the first trials, whose kernels are already compiled. The report also lists trials
+  // that were skipped.
   const Result tuned =
       ubs_ok(folder, "tune --quick --raster gpu --size 48x40/500 --json t.json --max-time 4");
   CHECK(tuned.out.find("UBS_BACKWARD_BATCH") != std::string::npos);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The executable in a hostile environment: caches that cannot be written, closed or full standard streams,
-// little memory, signals.
+// Tests the executable in a hostile environment: caches that cannot be written, closed or full standard
+// streams, little memory, and signals.
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -29,7 +29,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// `variables` in the place of what the test was started with.
+// Uses `variables` instead of those that the test was started with.
 std::string with_cache(const std::string& variables, const std::string& arguments) {
   return fmt::format("env -u POCL_CACHE_DIR -u UBS_KERNEL_CACHE -u XDG_CACHE_HOME TMPDIR=$PWD {} '{}' {}",
                      variables, program_of(arguments), arguments);
@@ -41,8 +41,8 @@ std::size_t lines(const std::string& text) {
 
 bool works(const std::string& command) { return std::system((command + " >/dev/null 2>&1").c_str()) == 0; }
 
-// A library of the working folder, which may be somebody's data, would be run.
-TEST_CASE("no library is looked for in the working folder") {
+// Loading a library from the working folder would run code that may be part of someone else's data.
+TEST_CASE("no library is searched for in the working folder") {
   const TempFolder folder;
   const Result result = run_command(folder, fmt::format("env LD_DEBUG=libs '{}' --version", UBS_EXECUTABLE));
   REQUIRE(result.code == 0);
@@ -92,10 +92,10 @@ std::set<std::string> kept_kernels(const std::filesystem::path& folder) {
   return libraries;
 }
 
-// PoCL, left to itself, runs what is in a folder that anybody may have made.
-TEST_CASE("without a folder of the user's kernels are compiled in one of the process alone") {
+// By default, PoCL runs code from a folder that another user may have created.
+TEST_CASE("without a folder of the user, kernels are compiled in a folder that belongs to the process") {
   const TempFolder folder;
-  put(folder / fmt::format("ubs-{}", ::geteuid()), "");  // somebody else was there first
+  put(folder / fmt::format("ubs-{}", ::geteuid()), "");  // another user created it first
   for (const std::string given : {"", "HOME= XDG_CACHE_HOME= POCL_CACHE_DIR=", "UBS_KERNEL_CACHE=off"}) {
     const Result result =
         run_command(folder, fmt::format("strace -f -qq -e trace=mkdir,openat -o calls env -u HOME {}",
@@ -116,7 +116,7 @@ TEST_CASE("without a folder of the user's kernels are compiled in one of the pro
     CHECK(entry.path().filename().string().find("ubs-temporary-") == std::string::npos);
 }
 
-TEST_CASE("a damaged kernel cache is healed, in one line") {
+TEST_CASE("a damaged kernel cache is repaired, with one warning") {
   const TempFolder folder;
   const std::string train = with_cache(
       "UBS_KERNEL_CACHE=$PWD/cache",
@@ -139,7 +139,7 @@ TEST_CASE("a damaged kernel cache is healed, in one line") {
   }
 }
 
-TEST_CASE("without any folder for kernels the error says so, not that a driver is missing") {
+TEST_CASE("without any folder for kernels, the error reports this and not a missing driver") {
   const TempFolder folder;
   put(folder / "file", "");
   const Result result = run_command(folder, with_cache("HOME=file TMPDIR=/proc", "devices"));
@@ -150,7 +150,7 @@ TEST_CASE("without any folder for kernels the error says so, not that a driver i
   CHECK(result.err.find("/proc/ubs-") != std::string::npos);
 }
 
-TEST_CASE("a full disk under the kernel cache is found before the driver is used") {
+TEST_CASE("a full disk that holds the kernel cache is detected before the driver is used") {
   if (!works("unshare -rm true")) {
     WARN("no user namespaces here: not tested");
     return;
@@ -165,7 +165,7 @@ TEST_CASE("a full disk under the kernel cache is found before the driver is used
   CHECK(result.err.find("No space left on device") != std::string::npos);
 }
 
-// A tiny data set and, with `iterations`, how it is trained in a moment.
+// Creates a tiny data set and, with `iterations`, the arguments of a very short training.
 void make_data(const TempFolder& folder) {
   ubs_ok(folder, "synth glossy --out data --width 16 --height 16 --views 2 --test-views 1");
 }
@@ -176,7 +176,7 @@ std::string train_command(int iterations, const std::string& more = "") {
       UBS_EXECUTABLE, iterations, more);
 }
 
-TEST_CASE("what cannot be written to stdout is an error of every command") {
+TEST_CASE("every command fails if it cannot write to stdout") {
   const TempFolder folder;
   make_data(folder);
   REQUIRE(run_command(folder, train_command(1, "--quiet")).code == 0);
@@ -196,7 +196,7 @@ TEST_CASE("what cannot be written to stdout is an error of every command") {
     CHECK(result.err.find(": error: cannot write to standard output: No space left on device\n") !=
           std::string::npos);
   }
-  // Commands that write files have written them all the same.
+  // Commands that write files have written them nevertheless.
   for (const char* file : {"copy.ply", "copy.ubsd", "run/model.ply", "run2/metrics.json"})
     CHECK(std::filesystem::exists(folder / file));
   const Result errors =
@@ -204,7 +204,7 @@ TEST_CASE("what cannot be written to stdout is an error of every command") {
   CHECK(errors.code == 3);
 }
 
-TEST_CASE("a reader that goes away ends a command that prints, quietly, and no training") {
+TEST_CASE("a closed pipe ends a printing command without a message, but not a training") {
   const TempFolder folder;
   make_data(folder);
   // The pipe is closed before anything is written to it.
@@ -222,12 +222,12 @@ TEST_CASE("a reader that goes away ends a command that prints, quietly, and no t
   CHECK(get(folder / "err.txt").find("ubs: ") == std::string::npos);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
   std::filesystem::remove_all(folder / "run");
-  // Progress to a closed pipe: 2>&1.
+  // Progress is written to a closed pipe with 2>&1.
   CHECK(into_closed_pipe("exec 2>&1; " + train_command(30, "--set eval_every=10")) == 0);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("closed standard streams: no file of ours takes their place") {
+TEST_CASE("closed standard streams: no opened file gets their descriptors") {
   const TempFolder folder;
   make_data(folder);
   for (const char* closed : {">&- 2>&-", ">&-", "2>&-", "<&- >&- 2>&-", "<&-"}) {
@@ -259,12 +259,13 @@ Result train_with_little(const TempFolder& folder, int mebibytes, const std::str
                   1024 * mebibytes, environment, train_command(2, "--quiet")));
 }
 
-TEST_CASE("little address space: exit code 6 and the numbers, no end inside of the driver") {
+TEST_CASE(
+    "little address space: exit code 6 and a message with numbers, instead of a crash inside the driver") {
   const TempFolder folder;
   make_data(folder);
-  // 200 MiB are the program itself, about 400 more the driver, 90 its compiler.
+  // The program itself needs 200 MiB, the driver about 400 more, and its compiler 90.
   for (const int mebibytes : {350, 550}) {
-    // Nothing is compiled yet, as for a new user.
+    // No kernels have been compiled yet, as for a new user.
     std::filesystem::remove_all(folder / "kernels");
     const Result result =
         train_with_little(folder, mebibytes, "env -u POCL_CACHE_DIR UBS_KERNEL_CACHE=kernels");
@@ -277,7 +278,7 @@ TEST_CASE("little address space: exit code 6 and the numbers, no end inside of t
   const Result enough = train_with_little(folder, 64000, "");
   INFO(enough.err);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
-  // What a plan counts with, and what it says.
+  // The memory that a plan assumes, and its message.
   const std::string plan = fmt::format(
       "bash -c \"ulimit -v 64000000; exec '{}' plan --data data --dim 3 --iterations 1 "
       "--init-points 10 --cap-max 10\"",
@@ -285,8 +286,8 @@ TEST_CASE("little address space: exit code 6 and the numbers, no end inside of t
   CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
 }
 
-// PoCL keeps a kernel for each size of group that it is launched with.
-TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its first step") {
+// PoCL stores one compiled kernel for each group size with which it is launched.
+TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of them before its first step") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 72 --views 3 --test-views 2 --supersampling 1");
   std::filesystem::create_directory(folder / "weights");
@@ -299,7 +300,7 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
         iterations);
   };
   const std::string lpips = " --lpips alex --lpips-weights weights";
-  // Killed at its first step.
+  // The training is killed in its first step.
   const std::string ours =
       fmt::format("env -u POCL_CACHE_DIR UBS_KERNEL_CACHE='{}'", (folder / "kernels").string());
   CHECK(ended_by(folder, train(1'000'000) + lpips + " --log-every 1", SIGKILL, "run/config.yaml", ours) ==
@@ -315,7 +316,7 @@ TEST_CASE("PoCL keeps its kernels in our folder; training builds all before its 
   CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
   const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1)));
   CHECK(cold.code == 0);
-  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // of the kernels' compiler
+  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // files of the compiler of the kernels
   CHECK_FALSE(std::filesystem::exists(folder / fmt::format("ubs-{}/pocl", ::geteuid())));
 }
 
@@ -332,7 +333,7 @@ TEST_CASE("a hangup saves a training like Ctrl-C; nohup still ignores it") {
   CHECK_FALSE(std::filesystem::exists(folder / "run2/checkpoint.ubs"));
 }
 
-// A command that does not look for signals would end with 0 after minutes or hours.
+// A command that does not check for signals would end with 0 after minutes or hours.
 TEST_CASE("every long command ends soon after a signal, and leaves no half-written file") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 64 --views 8 --test-views 8");
@@ -341,7 +342,7 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
   ubs_ok(folder,
          "train --data data --out big --dim 6 --iterations 1 --init-points 60000 --cap-max 60000 --quiet "
          "--save-renders 0");
-  // The signal comes when a file shows that the command has begun.
+  // Each command is interrupted when a file shows that it has started.
   for (const auto& [arguments, signal, begun] :
        {std::tuple{"bench", SIGINT, "out.txt"},
         {"tune", SIGINT, "out.txt"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A driver that fails hides no device of another one, and is named once. The other one is this machine's
-// PoCL.
+// Tests that a failing driver does not hide the devices of another driver, and that it is reported once. The
+// other driver is PoCL.
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -18,7 +18,7 @@ std::filesystem::path system_drivers() {
   return folder ? folder : "/etc/OpenCL/vendors";
 }
 
-TEST_CASE("the devices of sound drivers are listed beside those of a driver that fails") {
+TEST_CASE("the devices of working drivers are listed even if another driver fails") {
   const TempFolder folder;
   const json sound = json::parse(ubs_ok(folder, "devices --json").out);
   std::filesystem::create_directory(folder / "vendors");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a new user runs into: models that remember how to be drawn and from where they were seen, folders in
-// the place of files, caps that hold, words that are true.
+// Tests of what new users encounter: models that store their render settings and training cameras, folders
+// instead of files, limits that are respected, and messages that are true.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -33,7 +33,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// The page of a command with all its options; asked for once.
+// Returns the help page of a command with all its options. Each page is requested only once.
 const std::string& whole_help(const std::string& command) {
   static std::map<std::string, std::string> pages;
   std::string& page = pages[command];
@@ -41,15 +41,15 @@ const std::string& whole_help(const std::string& command) {
   return page;
 }
 
-// What both programs print about their commands.
+// Returns the text that both programs print about their commands.
 std::string all_commands(const TempFolder& folder) {
   return ubs_ok(folder, "").out + test::run_command(folder, fmt::format("'{}'", UBS_LAB_EXECUTABLE)).out;
 }
 
-// In the unit of the data, so that a written model is that of training to the bit.
+// Training in the unit of the data makes the written model bit-identical to that of training.
 constexpr const char* kShort = "--dim 6 --iterations 60 --init-points 300 --cap-max 300 --unit 1 --quiet";
 
-TEST_CASE("a model is drawn as it was learnt, unless an option says otherwise") {
+TEST_CASE("a model is rendered with its training settings, unless an option overrides them") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 6, 2);
   ubs_ok(folder, fmt::format("train --data data --out run --background 1,0.5,0 --eps2d 0.2 {}", kShort));
@@ -61,11 +61,11 @@ TEST_CASE("a model is drawn as it was learnt, unless an option says otherwise") 
     return std::pair{json::parse(result.out)["mean"]["psnr"].get<double>(), result.err};
   };
   CHECK(measured("alone.ply", "") == std::pair{psnr, std::string()});
-  CHECK(measured("run", "").first == psnr);  // its folder will do
+  CHECK(measured("run", "").first == psnr);  // its folder is also accepted
   const auto [other, remark] = measured("alone.ply", "--background 0,0,0");
   CHECK(std::abs(other - psnr) > 1);
   CHECK_THAT(remark, Contains("rendering with background = 0,0,0, but the model was trained with 1,0.5,0"));
-  // Models made of it remember as well.
+  // Models created from it also store these settings.
   ubs_ok(folder, "reduce --model run --data data --lossless --out small.ply --quiet");
   ubs_ok(folder, "convert run copy.ply --to ubs");
   for (const char* file : {"small.ply", "copy.ply"})
@@ -78,7 +78,7 @@ TEST_CASE("a model is drawn as it was learnt, unless an option says otherwise") 
   check_error(folder, "eval data/", 2, "did you mean data-ubs, which was trained on it?");
 }
 
-TEST_CASE("a run knows its data, and how they were read") {
+TEST_CASE("a run stores its data folder and the settings for reading it") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 64, 6, 2);
   ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
@@ -89,10 +89,10 @@ TEST_CASE("a run knows its data, and how they were read") {
   CHECK(psnr(own.out) == trained);
   CHECK_THAT(own.err, Contains("data of the run: "));
   CHECK(json::parse(own.out)["data"].get<std::string>().ends_with("sets/data"));
-  // Options and data that are named win.
+  // Options and a data folder that are given take precedence.
   CHECK(psnr(ubs_ok(folder, "eval sets/run --downscale 1 --fps-views 0 --json").out) != trained);
   CHECK(psnr(ubs_ok(folder, "eval sets/run sets/data --downscale 2 --fps-views 0 --json").out) == trained);
-  // A picture is of the size that the run saw, too.
+  // Images also have the size that the run used.
   ubs_ok(folder, "render sets/run sets/data --views 0 --out drawn");
   const fs::path picture = folder / "drawn/r_000.png";
   CHECK(load_image(picture).width == 32);
@@ -105,7 +105,7 @@ TEST_CASE("a run knows its data, and how they were read") {
   CHECK(get(folder / "page.html").find("\"width\":32") != std::string::npos);
   const json exported = json::parse(ubs_ok(folder, "convert sets/run e.spz --data sets/data --json").out);
   CHECK(exported["psnr_before"] == trained);
-  // Where the command runs there is something else of the name that the run has for its data.
+  // The working folder of the command contains a different file with the name of the data of the run.
   put(folder / "x/sets/data/notes.txt", "no data");
   fs::create_directory_symlink(".", folder / "sets/sets");
   const Result besides = test::run_command(
@@ -113,12 +113,12 @@ TEST_CASE("a run knows its data, and how they were read") {
   INFO(besides.err);
   REQUIRE(besides.code == 0);
   CHECK(psnr(besides.out) == trained);
-  // A model alone, other data in the place of the run's, and none.
+  // A model without its run, different data in the place of those of the run, and no data.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
   check_error(folder, "eval alone.ply", 2, "no data folder given");
   fs::rename(folder / "sets/data", folder / "sets/elsewhere");
   check_error(folder, "eval sets/run", 3, "does not exist");
-  // The same data at another place are read as they were in training.
+  // The same data in another folder are read with the settings of the training.
   const Result moved = ubs_ok(folder, "eval sets/run sets/elsewhere --fps-views 0 --json");
   CHECK(psnr(moved.out) == trained);
   CHECK_THAT(moved.err, Contains("sets/elsewhere is the data that the run was trained on, and is read with "
@@ -127,9 +127,9 @@ TEST_CASE("a run knows its data, and how they were read") {
   check_error(folder, "eval sets/run", 3, "other cameras, names or images");
 }
 
-// Each that `ubs` lists and whose help speaks of a model is in the table, with what it needs beside the
-// folder.
-TEST_CASE("every command that takes a model takes the folder of its run, and no more") {
+// The table contains each command that `ubs` lists and whose help mentions a model, with the arguments that
+// it needs in addition to the folder.
+TEST_CASE("every command that accepts a model accepts the folder of its run without other arguments") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 32, 6, 2);
   ubs_ok(folder, fmt::format("train sets/data --out sets/run --downscale 2 {}", kShort));
@@ -164,7 +164,7 @@ TEST_CASE("every command that takes a model takes the folder of its run, and no 
     seen.insert(command);
     REQUIRE(rest.contains(command));
     const std::string& more = rest.at(command);
-    if (command == "view") {  // ends when it is interrupted, or at once in a build without server
+    if (command == "view") {  // ends when it is interrupted, or immediately in a build without server
       const int code = test::ended_by(folder, fmt::format("view sets/run {}", more), SIGINT, "err.txt",
                                       "env -u DISPLAY -u WAYLAND_DISPLAY");
       const std::string said = get(folder / "err.txt");
@@ -179,11 +179,11 @@ TEST_CASE("every command that takes a model takes the folder of its run, and no 
     CHECK(result.code == 0);
   }
   CHECK(seen.size() == rest.size());
-  // Data that a run was trained on are read as it read them.
+  // Data of a run are read with the settings of the run.
   CHECK_THAT(ubs_ok(folder, "bench sets/run --list").out, Contains("model.300.16x16"));
 }
 
-TEST_CASE("without data a model is seen from where its cameras were") {
+TEST_CASE("without data, a model is rendered from its stored training cameras") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 2, "orbit");
   ubs_ok(folder,
@@ -192,12 +192,12 @@ TEST_CASE("without data a model is seen from where its cameras were") {
   ubs_ok(folder, "render run --path train --path-frames 5 --out without");
   for (int i = 0; i < 5; ++i) {
     const std::string name = fmt::format("frame_{:04}.png", i);
-    // Eight cameras are all noted; in seven digits.
+    // All eight cameras are stored, with seven digits.
     const Image8 a = load_image(folder / "with" / name), b = load_image(folder / "without" / name);
     REQUIRE(a.rgb.size() == b.rgb.size());
     for (std::size_t k = 0; k < a.rgb.size(); ++k) CHECK(std::abs(a.rgb[k] - b.rgb[k]) <= 1);
   }
-  // Time alone, and a view that is held while time runs.
+  // Only time changes, and a fixed view while time advances.
   ubs_ok(folder, "render run --data data --views 0,1 --time 0.5 --out at");
   CHECK(test::file_count(folder / "at") == 2);
   ubs_ok(folder, "render run --data data --hold 1 --time 0:1 --path-frames 3 --out held");
@@ -213,7 +213,7 @@ TEST_CASE("without data a model is seen from where its cameras were") {
   check_error(folder, "render run --path train --up z --out x", 2, "--up does not apply to this path");
 }
 
-TEST_CASE("cap_max holds, and says so") {
+TEST_CASE("cap_max is respected and reported") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 4, 1);
   const Result random =
@@ -233,7 +233,7 @@ TEST_CASE("cap_max holds, and says so") {
   CHECK(model.row(0)[119] == Approx(0.01 * 198).margin(0.01));
 }
 
-TEST_CASE("info counts the views that training will see") {
+TEST_CASE("info counts the views that training will use") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 4, 2);
   json scene = json::parse(get(folder / "data/transforms_train.json"));
@@ -252,7 +252,7 @@ TEST_CASE("info counts the views that training will see") {
   CHECK(views() == 4);
   fs::remove(folder / "data/train/r_001.png");
   CHECK(views() == 3);
-  for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);  // cameras alone
+  for (const char* name : {"train", "test"}) fs::remove_all(folder / "data" / name);  // only cameras
   check_error(folder, "info data --json", 3, "none of the 4 images exists");
 }
 
@@ -275,7 +275,7 @@ TEST_CASE("an interrupted run does not show an earlier measurement as its own") 
     CHECK_THAT(out, Contains(fmt::format(", after iteration {}\n", metrics["test"]["iteration"].get<int>())));
 }
 
-TEST_CASE("compare tells devices of one name apart") {
+TEST_CASE("compare distinguishes devices with the same name") {
   const TempFolder folder;
   put_scene(folder / "data", 16, 2, 1);
   ubs_ok(folder, "train --data data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
@@ -284,13 +284,13 @@ TEST_CASE("compare tells devices of one name apart") {
   CHECK_THAT(table, Contains("(opencl, cpu) ") && Contains("(opencl, gpu) "));
 }
 
-// Of the four fields of a data set's points: what is taken when there are none.
-TEST_CASE("without points splats begin where the cameras look") {
+// Checks the initial points of a data set without points.
+TEST_CASE("without points, splats start where the cameras look") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 6, 1);
   const std::string train = "train data --dim 3 --iterations 1 ";
   CHECK_THAT(ubs_ok(folder, train + "--out a").out,
-             Contains("the data has no points: splats start at random positions in the space that the "
+             Contains("the data have no points: splats start at random positions in the space that the "
                       "cameras see in common") &&
                  Contains("begins   192 splats"));
   CHECK_THAT(ubs_ok(folder, train + "--out b --init-extent 0.5 --init-points 50").out,
@@ -298,7 +298,7 @@ TEST_CASE("without points splats begin where the cameras look") {
   const SplatModel box = load_splat_model(folder / "b/model.ply").model.single("test");
   for (int axis = 0; axis < 3; ++axis)
     for (const float x : box.row(axis)) CHECK(std::abs(x) < 0.51f);  // one step moves them by 1e-3
-  // Moved to another place, the scene is found there.
+  // If the scene is moved, splats start at its new position.
   for (const char* split : {"train", "test"}) {
     const fs::path file = folder / fmt::format("data/transforms_{}.json", split);
     json scene = json::parse(get(file));
@@ -311,7 +311,7 @@ TEST_CASE("without points splats begin where the cameras look") {
   for (const float x : moved.row(0)) CHECK(std::abs(x - 50) < 5);
 }
 
-TEST_CASE("splats begin where the pictures agree, and config.yaml repeats it") {
+TEST_CASE("splats start where the images agree, and config.yaml reproduces this") {
   const TempFolder folder;
   put_scene(folder / "data", 200, 24, 1);
   const Result first = ubs_ok(folder, "train data --dim 3 --out a --budget 20s --cap-max 1200");
@@ -325,7 +325,7 @@ TEST_CASE("splats begin where the pictures agree, and config.yaml repeats it") {
              Contains("auto: points are placed by comparing the pictures"));
 }
 
-TEST_CASE("ubs train FOLDER chooses the rest and says so") {
+TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
   const TempFolder folder;
   put_scene(folder / "sets/data", 24, 6, 1, "orbit");
   const std::string few = " --iterations 1 --init-points 50";
@@ -339,7 +339,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   CHECK(metrics["dim"] == 7);
   CHECK(metrics["kernel_seconds"].get<double>() > 0);
   CHECK(metrics["chosen"] == json::array({"dim", "unit", "conditioning", "background", "random_background"}));
-  CHECK_THAT(first.out, Contains("direct conditioning (--conditioning covariance: as published)"));
+  CHECK_THAT(first.out, Contains("direct conditioning (for the published form: --conditioning covariance)"));
   const auto conditioning = [&](const std::string& run) {
     return json::parse(get(folder / run / "metrics.json"))["settings"]["conditioning"].get<std::string>();
   };
@@ -349,7 +349,7 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   CHECK(conditioning("my run") == "covariance");
   ubs_ok(folder, "train sets/data --out seven --dim 7" + few);
   CHECK(conditioning("seven") == "covariance");
-  // Never over what is there, whosever it is.
+  // Existing files are never overwritten, whoever created them.
   put(folder / "sets/data-ubs-2/mine.txt", "mine");
   ubs_ok(folder, "train sets/data" + few);
   CHECK(fs::exists(folder / "sets/data-ubs-3/model.ply"));
@@ -357,9 +357,9 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   check_error(folder, "train", 2, "ubs train FOLDER");
   check_error(folder, "train nowhere", 3, "no such data folder");
   CHECK(!fs::exists(folder / "nowhere-ubs"));
-  // A dimension without time is the user's choice, and said to be one.
+  // A user may choose a dimension without time, which gives a warning.
   CHECK_THAT(ubs_ok(folder, "train sets/data --dim 6" + few).err, Contains("N = 6 has no time dimension"));
-  // The report marks what was set, and not what the data decided.
+  // The report marks the settings that the user chose, but not those that were chosen from the data.
   const json record = json::parse(ubs_ok(folder, "report sets/data-ubs --json").out);
   const json& run = record["runs"].at(0);
   const auto by_data = [&](const std::string& key) {
@@ -374,11 +374,11 @@ TEST_CASE("ubs train FOLDER chooses the rest and says so") {
   }
 }
 
-// What a training has said when it says a line that begins with `last`; the rest is not waited for.
+// Returns the output of a training up to a line that starts with `last`, and does not wait for the rest.
 std::string said_at_begin(const TempFolder& folder, const std::string& arguments,
                           const std::string& last = "begins") {
   put(folder / "stop.sh",
-      fmt::format(": >out.txt\n"  // what an earlier one said is not to be found
+      fmt::format(": >out.txt\n"  // so that the output of an earlier training is not found
                   "'{}' train {} >out.txt 2>err.txt & pid=$!\n"
                   "i=0; until grep -q '^{}' out.txt || [ $i -ge 6000 ]; do sleep 0.1; i=$((i+1)); done\n"
                   "sleep 0.2; kill -TERM $pid; wait $pid; echo $?\n",
@@ -387,7 +387,7 @@ std::string said_at_begin(const TempFolder& folder, const std::string& arguments
   return get(folder / "out.txt");
 }
 
-TEST_CASE("without a word about time a run ends after 16 000 iterations or 15 minutes") {
+TEST_CASE("without --iterations and --budget, a run ends after 16 000 iterations or 15 minutes") {
   const TempFolder folder;
   put_scene(folder / "data", 64, 8, 1);
   CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
@@ -396,47 +396,45 @@ TEST_CASE("without a word about time a run ends after 16 000 iterations or 15 mi
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\npyramid: '") && Contains("\ncap_max: 100 "));
 }
 
-// It planned the 30 000 published ones, which `ubs train` takes for nobody who does not ask.
-TEST_CASE("a plan without a word about time is of what a training without one takes") {
+// Earlier versions planned the 30 000 published iterations, which `ubs train` only uses on request.
+TEST_CASE("a plan without --iterations and --budget estimates the default training") {
   const TempFolder folder;
   put_scene(folder / "data", 64, 8, 1);
   const std::string few = "plan data --dim 6 --cap-max 100 --init-points 50 ";
   const Result text = ubs_ok(folder, few);
-  CHECK_THAT(
-      text.out,
-      Contains(
-          "schedule   16000 iterations, at most 100 splats; without options 'ubs train' ends after 15 min") &&
-          Contains("16000 iterations at the measured"));
+  CHECK_THAT(text.out, Contains("schedule   16000 iterations, at most 100 splats; without options, 'ubs "
+                                "train' ends after 15 min") &&
+                           Contains("16000 iterations at the measured"));
   const json plan = json::parse(ubs_ok(folder, few + "--json").out);
   CHECK(plan["iterations"] == 16000);
   CHECK(plan["settings"]["iterations"] == 16000);
-  CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // of so many iterations
+  CHECK(plan["settings"]["lr_rgb"] == 0.00241);  // for this number of iterations
   CHECK(plan["settings"]["cap_max"] == 100);
   CHECK(plan["budget_seconds"] == 900);
-  // Who says how many gets them.
+  // A given number of iterations is used.
   const json published = json::parse(ubs_ok(folder, few + "--iterations 30000 --json").out);
   CHECK(published["iterations"] == 30000);
-  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate, of the form
+  CHECK(published["settings"]["lr_rgb"] == "auto");  // the published rate of the form
   CHECK(published["budget_seconds"].is_null());
   CHECK_THAT(ubs_ok(folder, few + "--set iterations=30000").out, !Contains("schedule "));
 }
 
-TEST_CASE("folders and models stand without their options' names") {
+TEST_CASE("folders and models can be passed without option names") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 4, 1);
   ubs_ok(folder, "train data --out run --dim 3 --iterations 1 --init-points 20 --quiet");
   CHECK_THAT(ubs_ok(folder, "bench run data --list").out, Contains("iteration.model.20.24x24"));
   CHECK_THAT(ubs_ok(folder, "plan data --dim 3 --iterations 10 --init-points 20").out,
-             Contains("10 iterations at the measured") && Contains("in one piece") && Contains(": fits\n"));
+             Contains("10 iterations at the measured") && Contains("largest buffer") && Contains(": fits\n"));
   CHECK_THAT(ubs_ok(folder, "compare --devices cpu run data --repeat 1").out, Contains("cpu"));
   ubs_ok(folder, "train --dim 3 --set iterations=1 data --out set --init-points 20 --quiet");
-  // Refused for what they are, and not as a word too many.
+  // The message must explain these files, instead of reporting an unexpected argument.
   check_error(folder, "accuracy run nowhere --out a", 3, "nowhere");
   check_error(folder, "tune run nowhere --dry-run", 3, "nowhere");
 }
 
-// An example is a promise: its command knows its options, and gets what it requires.
-TEST_CASE("help: examples can be typed") {
+// In every example of the help, the command accepts the options and gets all required arguments.
+TEST_CASE("help: examples are valid commands") {
   const TempFolder folder;
   std::istringstream lines(all_commands(folder));
   int examples = 0;
@@ -501,7 +499,7 @@ TEST_CASE("help: groups, examples, and few options first") {
   }
 }
 
-// What COLMAP would do, done by a script: it checks what it is told, and writes cameras in text.
+// A script that takes the place of COLMAP: it checks its arguments and writes cameras as text.
 constexpr const char* kColmap = R"(#!/bin/sh
 echo "$@" >>calls.txt
 case "$1" in
@@ -538,7 +536,7 @@ void put_colmap_model(const fs::path& folder, int images) {
   put(folder / "points3D.bin", u64(0));
 }
 
-TEST_CASE("photographs are trained before their mean colour, unless a background is chosen") {
+TEST_CASE("photographs are trained with their mean colour as the background, unless another is chosen") {
   const TempFolder folder;
   Image8 picture{16, 12, {}};
   for (int i = 0; i < 16 * 12; ++i)
@@ -556,7 +554,7 @@ TEST_CASE("photographs are trained before their mean colour, unless a background
   }
 }
 
-TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it") {
+TEST_CASE("a learnt background requires opaque images and is stored in the model") {
   const TempFolder folder;
   Image8 picture{16, 12, {}, {}};
   for (int i = 0; i < 16 * 12; ++i)
@@ -580,7 +578,7 @@ TEST_CASE("a learnt background: of opaque pictures alone, and the model keeps it
     const std::string found = trained["learnt_background"];
     CHECK(std::ranges::count(found, ',') == (learnt == "sky" ? 26 : 2));
     CHECK_THAT(get(folder / (out + "/model.ply")), Contains("background=" + found));
-    // The model alone, and as a run whose settings say `learn`.
+    // The model file alone, and as part of a run whose settings contain `learn`.
     for (const std::string& model : {out + "/model.ply photos --test-every 2", out}) {
       const json measured = json::parse(ubs_ok(folder, "eval " + model + " --json").out);
       for (const char* figure : {"psnr", "psnr_joint", "ssim"})
@@ -604,7 +602,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
     save_png(folder / fmt::format("photos/p{}.png", i),
              Image8{16, 12, std::vector<std::uint8_t>(3 * 16 * 12, 90), {}});
   check_error(folder, "train photos --out run", 3,
-              "3 pictures and no cameras; COLMAP can find them: ubs cameras photos");
+              "3 images but no cameras: find them with COLMAP: ubs cameras photos");
   check_error(folder, "cameras photos --colmap ./colmap", 3, "apt-get install colmap");
   check_error(folder, "cameras nowhere", 3, "no such folder");
   put(folder / "colmap", kColmap);
@@ -614,12 +612,13 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --dry-run").out,
              Contains("exhaustive_matcher --database_path") && Contains("mapper --database_path") &&
                  Contains("printf '%s\\n' p0.png p1.png p2.png >"));
-  CHECK(test::file_count(folder / "photos") == 3);  // nothing is written, as photographs may be read-only
+  CHECK(test::file_count(folder / "photos") ==
+        3);  // nothing is written, because the photographs may be read-only
   put(folder / "fail", "");
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
   fs::remove(folder / "fail");
-  // What would make the work so far useless is only said.
+  // A condition that would make the work so far useless only gives a warning.
   const std::string work = get(folder / "photos/colmap/pictures.txt");
   CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --lens OPENCV --dry-run").out,
              Contains("rm -f ") && Contains("camera_model OPENCV"));
@@ -658,7 +657,7 @@ TEST_CASE("cameras: cameras that are there, and photographs of other kinds, are 
   }
 }
 
-TEST_CASE("a report shows the worst view and remarks on what is wrong") {
+TEST_CASE("a report shows the worst view and lists problems") {
   const TempFolder folder;
   put_scene(folder / "data", 24, 6, 6);
   ubs_ok(folder, "train data --out run --dim 3 --iterations 20 --init-points 60 --cap-max 60 --quiet");
@@ -670,21 +669,21 @@ TEST_CASE("a report shows the worst view and remarks on what is wrong") {
   const Result report = ubs_ok(folder, "report run --views 2");
   CHECK_THAT(report.out, Contains(fmt::format("the worst ('{}') among them", worst)));
   CHECK_THAT(get(folder / "run/report.html"), Contains(worst));
-  CHECK_THAT(report.err, Contains("as many splats as --cap-max allows (60)") && !Contains("extents"));
-  // A splat far away, as one that no camera saw twice.
+  CHECK_THAT(report.err, Contains("the maximum number of splats, --cap-max (60)") && !Contains("extents"));
+  // A splat far away, like one that no two cameras see.
   SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
   model.row(0)[7] = 1e4f;
   write_splat_ply(folder / "far.ply", model);
   fs::rename(folder / "far.ply", folder / "run/model.ply");
   CHECK_THAT(ubs_ok(folder, "report run --out again.html").err,
-             Contains("1 of 60 splats lie more than 10 extents"));
+             Contains("1 of 60 splats are more than 10 extents"));
 }
 
-TEST_CASE("doctor: one page with a verdict") {
+TEST_CASE("doctor: one page that ends with a verdict") {
   const TempFolder folder;
   const Result page = ubs_ok(folder, "devices --doctor --device cpu");
   for (const char* part :
-       {"version ", "GiB free", "compiled kernels", "stages against float64: right", "verdict "})
+       {"version ", "GiB free", "compiled kernels", "stages against float64: correct", "verdict "})
     CHECK_THAT(page.out, Contains(part));
   const Result broken = run_ubs(folder, "devices --doctor --json --device nosuchdevice");
   CHECK(broken.code == 4);

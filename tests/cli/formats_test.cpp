@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs convert, and foreign files and far-away data sets in the other subcommands, as processes.
+// Tests, as processes, of ubs convert, and of third-party files and data sets far from the origin in other
+// subcommands.
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -17,7 +18,7 @@ using nlohmann::json;
 
 namespace {
 
-// nerfstudio folder of nine cameras around `centre`, and a red ball of Gaussians at the centre.
+// Creates a nerfstudio folder with nine cameras around `centre`, and a red ball of Gaussians at the centre.
 void put_far_scene(const TempFolder& folder, double centre) {
   std::string frames;
   for (int i = 0; i < 9; ++i) {
@@ -40,7 +41,7 @@ ImportedSplats red_ball() {
   return s;
 }
 
-// One splat of the published form that is seen from everywhere, at all times.
+// A splat of the published form that is visible from all directions at all times.
 SplatModel faint_ball(int dim) {
   SplatModel model(dim, 1);
   const ParameterLayout l = model.layout();
@@ -50,7 +51,7 @@ SplatModel faint_ball(int dim) {
 
 }  // namespace
 
-TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
+TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
   ubs_ok(folder, "convert g.ply u.ply");
@@ -59,7 +60,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   write_splat_ply(folder / "b.ply", faint_ball(3));
   ubs_ok(folder, "convert b.ply d.ply --to dbs");
   CHECK(detect_splat_format(folder / "d.ply").name == "dbs");
-  // Support radii were written as Gaussian sigmas, and a DBS file as 3DGS.
+  // Earlier versions wrote support radii as Gaussian sigmas, and a DBS file as 3DGS.
   for (const char* arguments : {"d.ply o.spz", "d.ply o.ply --to 3dgs"})
     check_error(folder, fmt::format("convert {}", arguments), 2, "convert it to a .ply file first");
   check_error(folder, "convert g.ply o.ply --to dbs", 2,
@@ -71,7 +72,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK_THAT(run_ubs(folder, "convert u7.ply d7.ply --to dbs").err, Contains("Beta splats of N = 3"));
   write_splat_ply(folder / "lobes.ply", SplatModel(3, 1, {.colour = ColourMode::sb1}));
   CHECK_THAT(ubs_ok(folder, "convert lobes.ply lobes.spz").out, Contains("Beta lobes are lost"));
-  // What this conversion has no use for was ignored.
+  // Earlier versions ignored options without effect on the conversion.
   for (const char* arguments :
        {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
     check_error(folder, fmt::format("convert {}", arguments), 2,
@@ -105,21 +106,22 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   ubs_ok(folder, "convert x.glb x.sog");
   CHECK(json::parse(ubs_ok(folder, "info x.sog --json").out)["format"] == "SOG");
   CHECK(read_foreign_splats(folder / "x.sog").count() == 1);
-  // One file of USD has one moment or all of a series, and is read at one of them.
-  CHECK_THAT(ubs_ok(folder, "convert u7.ply x.usda --time 0.5").out, Contains("--series K stores K moments"));
+  // A USD file contains one time sample or a series of them, and is read at one of them.
+  CHECK_THAT(ubs_ok(folder, "convert u7.ply x.usda --time 0.5").out,
+             Contains("store K of them with --series K"));
   const json moments = json::parse(ubs_ok(folder, "convert u7.ply x7.usda --series 3 --json").out);
   CHECK(moments["moments"] == 3);
   CHECK(moments["splats"] == 1);
   CHECK(moments["bytes"] == std::filesystem::file_size(folder / "x7.usda"));
   CHECK(!std::filesystem::exists(folder / "x7-000.usda"));
   CHECK_THAT(ubs_ok(folder, "convert u7.ply y7.usda --series 3").out,
-             Contains("1 splats at 3 moments in y7.usda"));
+             Contains("1 splats at 3 time samples in y7.usda"));
   CHECK_THAT(ubs_ok(folder, "convert x7.usda x7.spz --time 1").out, Contains("time codes 0 to 2: 2 is read"));
   CHECK_THAT(ubs_ok(folder, "convert x7.usda o7.ply --to ubs").out,
              Contains("0 is read; 'ubs convert --time'"));
   CHECK(json::parse(ubs_ok(folder, "info x7.usda --json").out)["format"] == "USD text");
   check_error(folder, "convert x.usda o.spz --time 1", 2, "--time requires a file with time samples");
-  check_error(folder, "convert x7.usda o.spz --time 2", 2, "from 0, the first, to 1, the last");
+  check_error(folder, "convert x7.usda o.spz --time 2", 2, "from 0 (first) to 1 (last)");
   check_error(folder, "convert x7.usda o.spz --opacity max", 2, "--time and --opacity only apply");
   check_error(folder, "convert x7.usda o.usda --series 3", 2, "--distill and --series only apply");
   check_error(folder, "convert u7.ply x7.usda --series 3", 2, "--overwrite");
@@ -144,7 +146,7 @@ TEST_CASE("cli: convert knows every format and says what it costs", "[cli]") {
   CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
 }
 
-TEST_CASE("cli: models change their form of conditioning", "[cli]") {
+TEST_CASE("cli: models are converted to another form of conditioning", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
   write_splat_ply(folder / "u7.ply", faint_ball(7));
@@ -160,7 +162,8 @@ TEST_CASE("cli: models change their form of conditioning", "[cli]") {
 }
 
 // "has 0 further query values; N = 8 needs 1"
-TEST_CASE("cli: noted cameras of a model of more than seven dimensions get typical query values", "[cli]") {
+TEST_CASE("cli: stored cameras of a model with more than seven dimensions get typical query values",
+          "[cli]") {
   const TempFolder folder;
   SplatModel model(8, 3);
   for (float& mean : model.row(model.layout().mean + 4)) mean = 0.25f;
@@ -176,7 +179,7 @@ TEST_CASE("cli: noted cameras of a model of more than seven dimensions get typic
   CHECK(get(folder / "plain.html").find("\"poster\":\"\"") != std::string::npos);
 }
 
-TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures", "[cli]") {
+TEST_CASE("cli: convert distils time samples of a dynamic model from its own renders", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth orbit --out data --size 40 --views 8 --test-views 1");
   ubs_ok(folder, "train data --out run --dim 7 --iterations 60 --init-points 600 --quiet");
@@ -187,15 +190,15 @@ TEST_CASE("cli: convert distils moments of a dynamic model from its own pictures
   for (const int moment : {0, 1}) {
     const json& one = said["distilled"][static_cast<std::size_t>(moment)];
     CHECK(one["time"] == moment);
-    CHECK(one["iterations"] == 100);  // the fewest, however short the time is
-    // 5 to 9 dB more observed.
+    CHECK(one["iterations"] == 100);  // the minimum, however short the time is
+    // Observed: 5 to 9 dB more.
     CHECK(one["psnr_after"].get<double>() > one["psnr_before"].get<double>() + 2.5);
     const ImportedSplats made = read_foreign_splats(folder / fmt::format("g-00{}.glb", moment));
     CHECK(made.sh_degree == 1);
     splats += made.count();
   }
   CHECK(said["splats"] == splats);
-  // Of one moment the file is measured too, as other tools draw it.
+  // With a single time sample, the file is also measured as other tools render it.
   const json still = json::parse(ubs_ok(folder, "convert run s.ply --distill 2s --time 1 --json").out);
   CHECK(still["psnr_before"].is_number());
   CHECK(still["psnr_after"].is_number());
@@ -236,14 +239,14 @@ TEST_CASE("cli: an export measures what it loses against the model itself", "[cl
   CHECK_FALSE(rounded.contains("advice"));
 }
 
-TEST_CASE("cli: Gaussians go out as they came in, and every command reads them", "[cli]") {
+TEST_CASE("cli: Gaussians are exported unchanged, and every command reads them", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);
   ImportedSplats ball = red_ball();
   write_gaussian_ply(folder / "g.ply", ball);
   ubs_ok(folder, "convert g.ply u.ply");
   const json out = json::parse(ubs_ok(folder, "convert u.ply h.ply --data data --split train --json").out);
-  CHECK_THAT(out["remarks"].dump(), Contains("as they are"));
+  CHECK_THAT(out["remarks"].dump(), Contains("exported exactly"));
   CHECK(out["psnr_after"].get<double>() == Approx(out["psnr_before"].get<double>()).epsilon(1e-5));
   const ImportedSplats back = read_foreign_splats(folder / "h.ply");
   CHECK(back.sh == ball.sh);
@@ -267,12 +270,12 @@ TEST_CASE("cli: Gaussians go out as they came in, and every command reads them",
   CHECK(read_splat_ply(folder / "d.ply").variant == read_splat_ply(folder / "u.ply").variant);
 }
 
-TEST_CASE("cli: models and data far from the origin meet", "[cli]") {
+TEST_CASE("cli: models and data far from the origin are aligned", "[cli]") {
   const TempFolder folder;
   constexpr double kCentre = 5e6;
   put_far_scene(folder, kCentre);
   ImportedSplats ball = red_ball();
-  ball.offset = {kCentre + 3, kCentre, kCentre};  // another origin than the data set's
+  ball.offset = {kCentre + 3, kCentre, kCentre};  // a different origin than that of the data set
   ball.positions[0] = {-3, 0, 0};
   write_gaussian_ply(folder / "g.ply", ball);
   ubs_ok(folder, "convert g.ply u.ply");
@@ -295,7 +298,7 @@ TEST_CASE("cli: models and data far from the origin meet", "[cli]") {
   ubs_ok(folder, "eval --model o/model.ply --data data");
 }
 
-TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]") {
+TEST_CASE("cli: masked pixels are ignored in training and evaluation", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);
   Image8 mask{48, 32, std::vector<std::uint8_t>(3 * 48 * 32, 255)};
@@ -322,7 +325,7 @@ TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]")
   ubs_ok(folder, train + "set.ubsd --out c");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK(get(folder / "a/model.ply") == get(folder / "c/model.ply"));
-  CHECK_THAT(get(folder / "a/metrics.json"), Contains("masked pixels do not count"));
+  CHECK_THAT(get(folder / "a/metrics.json"), Contains("masked pixels are ignored"));
   const auto mean = [&](const char* data) {
     return json::parse(
         ubs_ok(folder, fmt::format("eval a/model.ply --fps-views 0 --json --data {}", data)).out)["mean"];
@@ -341,7 +344,7 @@ TEST_CASE("cli: masked pixels do not count in training and evaluation", "[cli]")
   CHECK_THAT(run_ubs(folder, "eval a/model.ply --data other").err, Contains("leaves no pixel"));
 }
 
-TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {
+TEST_CASE("cli: a small image cache only changes the memory usage", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);
   for (int i = 0; i < 9; ++i) put_image(folder / fmt::format("data/images/f{}.png", i), 600, 400, i);
@@ -358,7 +361,7 @@ TEST_CASE("cli: a small image cache changes nothing but the memory", "[cli]") {
   CHECK_THAT(get(folder / "b/metrics.json"), Contains("decoded on demand"));
 }
 
-TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", "[cli]") {
+TEST_CASE("cli: unused parts of files and files without splats are reported", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
   put(folder / "m.ply",
@@ -368,7 +371,7 @@ TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", 
     CHECK_THAT(ubs_ok(folder, arguments).out, Contains("not used: filter_3D") && Contains("Mip-Splatting"));
   CHECK_THAT(json::parse(ubs_ok(folder, "info m.ply --json").out)["remarks"].dump(), Contains("filter_3D"));
   CHECK_THAT(ubs_ok(folder, "render m.ply --out r --path-frames 2 --size 20x10").err, Contains("filter_3D"));
-  // Of a file of ours too.
+  // This also applies to a ubs model.
   put(folder / "v.ply", replaced(get(folder / "u.ply"), "end_header", "property float surplus\nend_header") +
                             std::string(4, 'x'));
   for (const char* arguments : {"info v.ply", "convert v.ply w.ply", "convert v.ply w.ubs.ply --to ubs"})
@@ -378,7 +381,7 @@ TEST_CASE("cli: what of a file is not used, and what holds no splats, is said", 
   none.rotations[0] = {0, 0, 0, 0};
   write_gaussian_ply(folder / "none.ply", none);
   for (const char* to : {"o.ply", "o.spz", "o.glb"}) {
-    check_error(folder, fmt::format("convert none.ply {}", to), 3, "none of its 1 splats can be drawn");
+    check_error(folder, fmt::format("convert none.ply {}", to), 3, "none of its 1 splats can be rendered");
     CHECK(!std::filesystem::exists(folder / to));
   }
   check_error(folder, "info none.ply", 3, "none of its 1 splats");

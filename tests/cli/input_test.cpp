@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the executable makes of hostile and unlucky input: names that would leave the output folder, files
-// outside of the data, paths that no text can hold, names that are too long. Resuming a run with such a path
-// is tested in resume_test.cpp.
+// Tests how the executable handles malicious and unusual input: names that would leave the output folder,
+// files outside of the data, paths that are not valid text, and names that are too long. Resuming a run with
+// such a path is tested in resume_test.cpp.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -58,7 +58,7 @@ std::set<std::string> files_of(const fs::path& folder) {
   return names;
 }
 
-TEST_CASE("cli: names of views write into the output folder alone, and a file each") {
+TEST_CASE("cli: names of views only lead to files in the output folder, and each view has its own") {
   const TempFolder folder;
   const std::string absolute = (folder / "absolute").string();
   const std::vector<std::string> names{"../escaped", absolute,  "..",  "a/b", "A",
@@ -80,7 +80,8 @@ TEST_CASE("cli: names of views write into the output folder alone, and a file ea
 }
 
 TEST_CASE(
-    "cli: weights of LPIPS that are cut off, damaged or of another network are one line and exit code 3") {
+    "cli: truncated or damaged weights of LPIPS, or those of another network, give one line and exit code "
+    "3") {
   const TempFolder folder;
   test::put_image(folder / "a/x.png", 64, 64);
   const TensorFile whole = check::random_weights(lpips_network("alex"), 3);
@@ -102,7 +103,7 @@ TEST_CASE(
   std::mt19937 random(5);
   const int mutants = whole_sweep() ? 40 : 8;
   int refused = 0;
-  for (int i = 0; i < mutants; ++i) {  // of the header, where every bit counts
+  for (int i = 0; i < mutants; ++i) {  // in the header, where every bit matters
     std::string mutant = bytes;
     mutant[random() % (8 + header)] ^= static_cast<char>(1u << random() % 8);
     put(file, mutant);
@@ -170,11 +171,12 @@ TEST_CASE("cli: info describes a packed data set and a nerfstudio file") {
   fs::rename(folder / "data/transforms_train.json", folder / "data/one.json");
   CHECK(json::parse(ubs_ok(folder, "info data/one.json --json").out)["layout"] == "nerfstudio");
   put(folder / "set.ubsd", get(folder / "set.ubsd").substr(0, 100));
-  check_error(folder, "info set.ubsd", 3, "set.ubsd: cut off in the header");
+  check_error(folder, "info set.ubsd", 3, "set.ubsd: the header is truncated");
 }
 
-// Names of folders are bytes: this one is Latin-1, with a line break and an escape of ours in it.
-TEST_CASE("cli: a data path that no text can hold survives in every file") {
+// Names of folders are bytes. This one is Latin-1 and contains a line break and an escape sequence of
+// encode_text().
+TEST_CASE("cli: a data path that is not valid text is preserved in every file") {
   const TempFolder folder;
   const std::string name = "caf\xe9 \\x41\n'q'";
   const fs::path data = folder / name, run = folder / (name + " run");
@@ -187,7 +189,7 @@ TEST_CASE("cli: a data path that no text can hold survives in every file") {
   const std::string config = get(run / "config.yaml");
   CHECK(config.find("cache_folder: '" + (folder.path() / "caf\\xe9 \\x5cx41\\x0a''q'' cache").string()) !=
         std::string::npos);
-  // What is written is read: the settings, the data of a report, a checkpoint.
+  // The written files can be read: the settings, the data of a report, and a checkpoint.
   ubs_ok(folder, fmt::format("eval --model {} --data {} --spec {} --out e.json", shell(run / "model.ply"),
                              shell(data), shell(run / "config.yaml")));
   CHECK(decode_text(json::parse(get(folder / "e.json"))["data"].get<std::string>()) == data.string());
@@ -198,7 +200,7 @@ TEST_CASE("cli: a data path that no text can hold survives in every file") {
   ubs_ok(folder, fmt::format("pack {} --out p.ubsd", shell(data)));
 }
 
-TEST_CASE("cli: names that are too long and loops of links are errors of the user") {
+TEST_CASE("cli: names that are too long and loops of links give data errors") {
   const TempFolder folder;
   synthesise(folder, "data");
   put_model(folder / "m.ply");
@@ -233,7 +235,7 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
         "plan --data {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {
-      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // each command with one of the three
+      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // one of the three for each command
       const std::string& command = commands[i];
       const Result result = run_ubs(folder, fmt::format(fmt::runtime(command), bad, bad));
       INFO(command.substr(0, 60) << " with " << bad.substr(0, 10) << ": " << result.err.substr(0, 300));
@@ -246,7 +248,7 @@ TEST_CASE("cli: names that are too long and loops of links are errors of the use
   }
 }
 
-TEST_CASE("cli: control characters of names do not reach the terminal") {
+TEST_CASE("cli: control characters in names are not printed") {
   const TempFolder folder;
   const Result result = run_ubs(folder, fmt::format("info {}", shell_word("a\x1b[31mb.ply")));
   CHECK(result.code == 3);
@@ -254,7 +256,7 @@ TEST_CASE("cli: control characters of names do not reach the terminal") {
   CHECK(result.err.find("a\\x1b[31mb.ply: no such file") != std::string::npos);
 }
 
-TEST_CASE("cli: a float64 target is as good as a float32 one") {
+TEST_CASE("cli: float64 targets are accepted like float32 targets") {
   const TempFolder folder;
   write_packed(folder / "set.ubsd", {.splits = {{"train", {drawn_view("t")}}}});
   put_model(folder / "m.ply");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which files commands replace and remove: those of known names, and only with --overwrite.
+// Tests which files commands replace and remove: only files with known names, and only with --overwrite.
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -28,7 +28,7 @@ std::string train(const std::string& out, const std::string& more = "", int iter
   return fmt::format("train --data data --out {} {} --iterations {} {}", out, kShort, iterations, more);
 }
 
-// Every file below, but for the two of output.
+// Returns all files in the folder, except the two with the output.
 std::map<std::string, std::string> contents(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder))
@@ -37,14 +37,14 @@ std::map<std::string, std::string> contents(const fs::path& folder) {
   return files;
 }
 
-// The command is refused with code 2, and every file is as it was.
+// Checks that the command fails with code 2 and changes no file.
 void check_refused(const TempFolder& folder, const std::string& arguments, const std::string& part) {
   const auto before = contents(folder.path());
   check_error(folder, arguments, 2, part);
   CHECK(contents(folder.path()) == before);
 }
 
-TEST_CASE("outputs: training does not touch photographs, wherever they are") {
+TEST_CASE("outputs: training does not change photographs, wherever they are") {
   const TempFolder folder;
   synthesise(folder);
   fs::create_directory_symlink("data", folder / "alias");
@@ -67,7 +67,7 @@ TEST_CASE("outputs: training does not touch photographs, wherever they are") {
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
 }
 
-TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
+TEST_CASE("outputs: a run replaces files with its names only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
   const TempFolder other;
@@ -94,7 +94,7 @@ TEST_CASE("outputs: a run replaces files of its names only with --overwrite") {
   CHECK(contents(other.path()) == before);
 }
 
-TEST_CASE("outputs: of an earlier run's renders those go that its metrics list") {
+TEST_CASE("outputs: renders of an earlier run are removed if its metrics list them") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
@@ -103,11 +103,11 @@ TEST_CASE("outputs: of an earlier run's renders those go that its metrics list")
   put(folder / "run/renders/r_007.png", "my photograph");
   ubs_ok(folder, train("run", "--overwrite --save-renders 1"));
   CHECK(fs::exists(folder / "run/renders/r_000.png"));
-  CHECK_FALSE(fs::exists(folder / "run/renders/r_001.png"));  // it was the earlier run's
+  CHECK_FALSE(fs::exists(folder / "run/renders/r_001.png"));  // it belonged to the earlier run
   CHECK(get(folder / "run/renders/r_007.png") == "my photograph");
   CHECK(get(folder / "run/model.ply") == first.at("model.ply"));
 
-  // Names that lead elsewhere remove nothing.
+  // Names that lead to other folders remove nothing.
   nlohmann::json metrics = nlohmann::json::parse(get(folder / "run/metrics.json"));
   CHECK(metrics.at("renders") == nlohmann::json{"r_000.png"});
   put(folder / "mine.png", "precious");
@@ -150,8 +150,8 @@ TEST_CASE("outputs: results may go into a folder inside the data folder") {
   }
 }
 
-// A folder with a name of its own is known only by the images that the cameras name.
-TEST_CASE("outputs: --overwrite does not reach photographs in a folder of any name") {
+// A folder with an arbitrary name can only be recognised by the images that the cameras refer to.
+TEST_CASE("outputs: --overwrite does not replace photographs in a folder with an arbitrary name") {
   const TempFolder folder;
   synthesise(folder);
   fs::rename(folder / "data/test", folder / "data/photos");
@@ -182,7 +182,8 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
 
-// A training, while `script` runs in its folder; $pid is its process, and it has a checkpoint.
+// Runs a training, and `script` in its folder as soon as there is a checkpoint. $pid is the process of the
+// training.
 Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
   put(folder / "script.sh",
       fmt::format(
@@ -210,10 +211,10 @@ TEST_CASE("outputs: a copy of an interrupted run can be continued") {
   }
 }
 
-// A command that writes one file, given as OUT.
+// A command that writes one file, which is written as OUT.
 struct Writer {
   const char* arguments;
-  const char* input;  // may not be OUT
+  const char* input;  // must not be OUT
 };
 
 const Writer kWriters[] = {
@@ -250,7 +251,8 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   for (const char* name : {"mine.mp4", "mine.png"}) put(folder / name, "precious");
   fs::create_symlink("mine.mp4", folder / "link.mp4");
   fs::create_symlink("nowhere", folder / "dangling.mp4");
-  // Each writer in the place of a file, and of one of the others; all with UBS_TEST_ALL.
+  // Tests each command with its own output as an existing file, and with that of one other command; with
+  // UBS_TEST_ALL with those of all others.
   const bool all = test::whole_sweep();
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
@@ -281,7 +283,7 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
                 "two results");
 }
 
-TEST_CASE("outputs: commands that write a folder replace files of their names only with --overwrite") {
+TEST_CASE("outputs: commands that write a folder replace files with their names only with --overwrite") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("run"));
@@ -302,7 +304,7 @@ TEST_CASE("outputs: commands that write a folder replace files of their names on
         {"data/test", "this folder contains images or cameras"},
         {"data", "is the data"},
         {".", "holds the data"}};
-    // Each command with one of them, with UBS_TEST_ALL with all.
+    // Tests each command with one of them, or with all of them if UBS_TEST_ALL is set.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
   }
@@ -325,7 +327,7 @@ TEST_CASE("outputs: two processes do not write into one folder") {
           "sleep 2; kill -INT $pid; wait $pid; echo \"code $?\"",
           train("run")));
   INFO(result.err);
-  CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // what the killed one held is free
+  CHECK(result.out == "code 2\ncode 2\ncode 130\n");  // the lock of the killed process is released
   CHECK(result.err.find("run: process ") != std::string::npos);
   CHECK(result.err.find("is writing to this folder") != std::string::npos);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs pack and ubs-lab compare as a user meets them: a packed set trains to the same model as its folder, and
-// devices are compared with each other.
+// Tests `ubs pack` and `ubs-lab compare` as users run them: training on a packed set gives the same model as
+// on its folder, and devices are compared with each other.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
@@ -19,7 +19,7 @@ using test::ubs_ok;
 constexpr const char* kShort =
     "--device cpu --iterations 20 --set init_points=300 --set cap_max=300 --save-renders 1 --quiet";
 
-TEST_CASE("a packed set trains to the bytes of its folder, and devices agree on the model", "[cli]") {
+TEST_CASE("a packed set gives the same model as its folder, and devices agree on the model", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 32 --views 6 --test-views 2");
   ubs_ok(folder, "pack data --out set.ubsd --json");
@@ -39,7 +39,8 @@ TEST_CASE("a packed set trains to the bytes of its folder, and devices agree on 
   const json &first = result["devices"][0]["values"], &second = result["devices"][1]["values"];
   CHECK(first["image_max_difference"] == 0);
   CHECK(second["image_max_difference"].get<double>() < 2e-5);
-  CHECK(second["image_max_difference"].get<double>() > 0);  // other sums: it did run another rasteriser
+  CHECK(second["image_max_difference"].get<double>() >
+        0);  // the sums differ, so the other rasteriser did run
   CHECK(second["gradient_difference xyz"].get<double>() < 1e-3);
   CHECK(second["train_iterations"] == 3);
   CHECK(second["stage_ms raster_gpu_forward"].get<double>() > 0);
@@ -47,7 +48,7 @@ TEST_CASE("a packed set trains to the bytes of its folder, and devices agree on 
     CHECK(get(folder / (std::string("c/") + name)).find("cpu@gpu") != std::string::npos);
 }
 
-TEST_CASE("packed sets and comparisons refuse what cannot be right", "[cli]") {
+TEST_CASE("packed sets and comparisons reject invalid arguments", "[cli]") {
   const TempFolder folder;
   ubs_ok(folder, "synth glossy --out data --size 32 --views 3 --test-views 1");
   ubs_ok(folder, "pack data --out set.ubsd");
@@ -57,7 +58,7 @@ TEST_CASE("packed sets and comparisons refuse what cannot be right", "[cli]") {
   CHECK(run_ubs(folder, fmt::format("train --data set.ubsd --downscale 2 --out a {}", kShort)).code == 3);
   CHECK(run_ubs(folder, "pack absent --out other.ubsd").code == 3);
   CHECK_FALSE(std::filesystem::exists(folder / "other.ubsd"));
-  // Names of devices hold '@'.
+  // Names of devices may contain '@'.
   ubs_ok(folder, fmt::format("train --data set.ubsd --out at {}", kShort));
   CHECK(run_ubs(folder, "compare --devices 'Some CPU @ 3.60GHz@cpu' --model at --data set.ubsd").code == 4);
   CHECK(get(folder / "stderr.txt").find("'Some CPU @ 3.60GHz' matches no device") != std::string::npos);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs report as a user meets it: the records and pictures in pages of short trainings on embedded scenes;
-// comparisons; runs with parts missing; what it refuses. What a browser makes of a page is in
-// tests/report/report_page_test.py.
+// Tests `ubs report` as users run it: data and images in pages about short trainings on built-in scenes,
+// comparisons, runs with missing parts, and invalid arguments. tests/report/report_page_test.py tests the
+// pages in a browser.
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
@@ -43,8 +43,8 @@ const TempFolder& trained() {
   return folder;
 }
 
-// The elements of that name that have no attributes, as a browser hashes them; by coreutils, in hexadecimal
-// digits.
+// Returns the hashes of all elements with this name and without attributes, as a browser computes them.
+// coreutils computes them as hexadecimal digits.
 std::vector<std::string> sha256(const std::string& page, const std::string& element) {
   const std::string open = "<" + element + ">";
   std::vector<std::string> hashes;
@@ -64,9 +64,9 @@ std::string hexadecimal(const std::string& base64) {
   return digits;
 }
 
-// The first thing in the page that could fetch or run anything is the policy that forbids it, but for its
-// style and its script and those of the live model, of which it has the hashes. Attributes with code or style
-// would need more than that.
+// The policy must come before everything in the page that could load or run something. It only allows the
+// style and script of the page and of the interactive model, by their hashes. Attributes with code or style
+// would need a weaker policy.
 void check_policy(const std::string& page, const HtmlCheck& check) {
   const std::vector<HtmlElement> metas = check.all("meta");
   REQUIRE(metas.size() >= 2);
@@ -89,7 +89,7 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
     }
     CHECK(hashes.size() == (live ? 2 : 1));
     CHECK(hashes == sha256(page, element));
-    std::size_t run = 0;  // what is no data
+    std::size_t run = 0;  // no data
     for (const HtmlElement& e : check.all(element)) run += data_types.contains(e.at("type")) ? 0 : 1;
     CHECK(run == hashes.size());
     policy.erase(element + "-src");
@@ -106,7 +106,7 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
 struct Page {
   HtmlCheck html;
   json record;
-  std::map<std::string, std::vector<cv::Mat>> pictures;  // by what they show
+  std::map<std::string, std::vector<cv::Mat>> pictures;  // by content
 };
 
 // Returns what the page contains, after checking that it is well-formed, uses no network, and that all its
@@ -154,7 +154,7 @@ std::map<std::string, std::size_t> counts(const Page& page) {
   return count;
 }
 
-// The sum of the mean colours of the first picture of that kind, at most 765.
+// Returns the sum of the mean colours of the first image of this kind, at most 765.
 double brightness(const Page& page, const std::string& kind) {
   const cv::Scalar mean = cv::mean(page.pictures.at(kind).at(0));
   return mean[0] + mean[1] + mean[2];
@@ -204,7 +204,8 @@ TEST_CASE("report: page of one run", "[cli]") {
                  fmt::format("page     still/report.html: {:.2f} MiB",
                              static_cast<double>(fs::file_size(folder / "still/report.html")) / 1048576)));
 
-  // The PSNR beside a picture is of 8-bit pixels; close to what training measured of the same view.
+  // The PSNR next to an image is computed from 8-bit pixels, so it is close to what training measured for the
+  // same view.
   const json& view = page.record["views"][0];
   CHECK(view["name"] == metrics["test"]["views"][0]["name"]);
   CHECK(view["runs"][0]["psnr"].get<double>() ==
@@ -221,7 +222,7 @@ TEST_CASE("report: page of one run", "[cli]") {
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
   CHECK_FALSE(read_page(folder / "plain.html").html.ids().contains("ubs-viewer"));
 
-  json damaged = metrics;  // a name that is no text is that of no view
+  json damaged = metrics;  // a name that is not valid text belongs to no view
   damaged["test"]["views"][0]["name"] = 5;
   put(folder / "still/metrics.json", damaged.dump());
   ubs_ok(folder, "report still --device cpu --views 1 --no-viewer --out plain.html --overwrite");
@@ -256,7 +257,7 @@ TEST_CASE("report: runs side by side", "[cli]") {
   ubs_ok(folder, "report still other --device cpu --views 2 --out both.html");
   const Page page = read_page(folder / "both.html");
   auto count = counts(page);
-  CHECK(count["truth"] == 2);  // once for both
+  CHECK(count["truth"] == 2);  // one list for both
   CHECK(count["render"] == 4);
   CHECK(count["error"] == 4);
   CHECK(count["lower half"] == 3);  // spatial and angular; spatial
@@ -264,12 +265,12 @@ TEST_CASE("report: runs side by side", "[cli]") {
   CHECK(page.record["runs"][0]["settings"]["dim"] != page.record["runs"][1]["settings"]["dim"]);
   CHECK(page.record["histograms"][0]["runs"].size() == 2);
 
-  // Of different scenes: each beside its own ground truth.
+  // Runs of different scenes are each shown with their own ground truth.
   ubs_ok(folder, "report still '<i>moving' --device cpu --views 1 --out scenes.html");
   CHECK(counts(read_page(folder / "scenes.html"))["truth"] == 2);
 }
 
-TEST_CASE("report: runs with parts missing", "[cli]") {
+TEST_CASE("report: runs with missing parts", "[cli]") {
   const TempFolder& folder = trained();
   const auto copy = [&](const char* to) {
     fs::create_directories((folder / to).parent_path());
@@ -321,7 +322,7 @@ TEST_CASE("report: runs with parts missing", "[cli]") {
   CHECK(counts(page)["lower half"] == 2);
 }
 
-TEST_CASE("report: other data in the place of the run's are not its ground truth", "[cli]") {
+TEST_CASE("report: different data in the place of those of the run are not its ground truth", "[cli]") {
   const TempFolder& folder = trained();
   const TempFolder there, here;
   test::put_scene(there / "data", 32, 4, 5);
@@ -333,7 +334,8 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
     ubs_ok(from, "report " + run + "/ --device cpu --views 1 --out page.html --overwrite" + arguments);
     return counts(read_page(from / "page.html"))["truth"];
   };
-  // From a folder above the run nothing is taken; from the working folder only what the run was trained on.
+  // Data in a folder above the run are not used, and data in the working folder only if the run was trained
+  // on them.
   CHECK(truths(here, "") == 0);
   CHECK(contains(get(here / "stderr.txt"), "data folder data does not exist"));
   CHECK(truths(there, "") == 0);
@@ -347,7 +349,7 @@ TEST_CASE("report: other data in the place of the run's are not its ground truth
   }
 }
 
-// Ended by the signal, when there is a checkpoint.
+// The signal is sent when there is a checkpoint.
 void ended_run(const TempFolder& folder, const std::string& out, int signal) {
   test::ended_by(folder,
                  "train --data data --out " + out +
@@ -356,21 +358,21 @@ void ended_run(const TempFolder& folder, const std::string& out, int signal) {
                  signal, out + "/checkpoint.ubs");
 }
 
-TEST_CASE("report: runs that were killed and interrupted, beside a finished one", "[cli]") {
+TEST_CASE("report: killed and interrupted runs together with a finished one", "[cli]") {
   const TempFolder& folder = trained();
   ended_run(folder, "killed", SIGKILL);
   REQUIRE(fs::exists(folder / "killed/checkpoint.ubs"));
   REQUIRE_FALSE(fs::exists(folder / "killed/model.ply"));
   ubs_ok(folder, "report killed --device cpu");
   Page page = read_page(folder / "killed/report.html");
-  // There is no metrics.json: data, splats and views are those that the checkpoint names.
+  // There is no metrics.json, so data, splats and views come from the checkpoint.
   CHECK(page.record["runs"][0]["log"]["loss"].size() > 0);
   CHECK(has_histogram(page, "opacity"));
   CHECK(counts(page)["truth"] == 3);
   CHECK(counts(page)["lower half"] == 2);
   CHECK(brightness(page, "render") > 3);
   CHECK_THAT(page.record["runs"][0]["remarks"].dump(),
-             Contains("the model is that of the checkpoint, iteration ") &&
+             Contains("showing the model of the checkpoint at iteration ") &&
                  Contains("metrics.json is missing: the run was not finished"));
   CHECK(contains(get(folder / "stderr.txt"), "model.ply is missing"));
   CHECK(contains(get(folder / "stdout.txt"), "N = 6"));
@@ -385,7 +387,7 @@ TEST_CASE("report: runs that were killed and interrupted, beside a finished one"
   CHECK(page.record["runs"][1]["metrics"]["interrupted"] == true);
   CHECK(page.record["runs"][2]["metrics"].is_null());
 
-  // A checkpoint that is damaged is an error, and no page is left.
+  // A damaged checkpoint is an error, and no page is written.
   put(folder / "killed/checkpoint.ubs", get(folder / "killed/checkpoint.ubs").substr(0, 1000));
   CHECK(run_ubs(folder, "report killed --device cpu --out no.html").code == 3);
   CHECK(contains(get(folder / "stderr.txt"), "checkpoint.ubs"));
@@ -410,7 +412,7 @@ TEST_CASE("report: a run that was killed later, with the background and the lens
   std::string config = get(run / "config.yaml");
   const std::string none = "refine_cameras: none";
   put(run / "config.yaml", config.replace(config.find(none), none.size(), "refine_cameras: pose+intrinsics"));
-  json cameras;  // that see the object as a point
+  json cameras;  // in which the object looks like a point
   for (const json& view : metrics["test"]["views"])
     cameras["frames"].push_back(
         {{"file_path", "test/" + view["name"].get<std::string>() + ".png"},
@@ -421,11 +423,11 @@ TEST_CASE("report: a run that was killed later, with the background and the lens
          {"cy", 16}});
   put(run / "cameras/transforms.json", cameras.dump());
   ubs_ok(folder, "report continued --device cpu --views 1 --no-viewer --overwrite");
-  CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: the model is that of the checkpoint"));
+  CHECK(contains(get(folder / "stderr.txt"), "model.ply is older: showing the model of the checkpoint"));
   CHECK(brightness(read_page(run / "report.html"), "render") > 750);  // 765: white
 }
 
-TEST_CASE("report: what it refuses", "[cli]") {
+TEST_CASE("report: invalid arguments are rejected", "[cli]") {
   const TempFolder& folder = trained();
   const auto refused = [&](const std::string& arguments, int code, const std::string& message) {
     CHECK(run_ubs(folder, "report " + arguments).code == code);

@@ -74,7 +74,7 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
   kill_run(folder, "killed", fmt::format("{} --checkpoint-every 100", kRun));
   CHECK_FALSE(fs::exists(folder / "killed/model.ply"));
   check_error(folder, fmt::format("train {} --out killed", kRun), 2, "--resume killed");
-  const std::regex says("With 0 a\\s+checkpoint is\\s+written only when the run is\\s+interrupted");
+  const std::regex says("With 0, a\\s+checkpoint is\\s+only written if the run is\\s+interrupted");
   CHECK(std::regex_search(get(UBS_SOURCE_DIR "/docs/training.md"), says));
   interrupt_run(folder, "interrupted", SIGINT, "--checkpoint-every 0");
   interrupt_run(folder, "terminated", SIGTERM, "");

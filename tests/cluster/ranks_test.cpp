@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Several ranks under mpirun make what one process makes, bit for bit (docs/cluster.md).
+// Tests that several ranks under mpirun give the same results as one process, bit for bit (docs/cluster.md).
 #include <array>
 #include <catch2/catch.hpp>
 #include <filesystem>
@@ -32,8 +32,9 @@ using test::Result;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Ranks are more than cores: each gets two threads of the device. Kernels depend on that number, and for two
-// of them they are in the cache on the machine of CI. Root may use mpirun in a container.
+// There are more ranks than cores. Each rank gets two threads of the device, because kernels depend on the
+// number of threads, and those for two threads are in the cache of the CI machine. Root may use mpirun in a
+// container.
 const std::string kAsRank =
     "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=2";
 
@@ -50,7 +51,8 @@ void ranks_ok(const TempFolder& folder, int count, const std::string& arguments)
   REQUIRE(result.code == 0);
 }
 
-// Grows from 300 to 420 splats within the first refinements, and relocates what the penalty kills.
+// The training grows from 300 to 420 splats within the first refinements, and relocates splats that the
+// penalty makes transparent.
 std::string training(int dim, int batch, const std::string& out, int iterations = 120) {
   return fmt::format(
       "train data --out {} --dim {} --batch {} --init-points 300 --cap-max 420 --iterations {} "
@@ -73,7 +75,7 @@ void check_same(const TempFolder& folder, const std::string& a, const std::strin
   CHECK(metrics(folder, a)["test"]["mean"] == metrics(folder, b)["test"]["mean"]);
 }
 
-TEST_CASE("deal: faster ranks draw more views, and views of a round follow each other") {
+TEST_CASE("deal: faster ranks render more views, and the views of a round are consecutive") {
   const Deal even(8, 3);
   CHECK(even.counts() == std::vector<std::uint64_t>{3, 3, 2});
   for (std::uint64_t view = 0; view < 8; ++view) CHECK(even.rank_of(view) == static_cast<int>(view % 3));
@@ -91,7 +93,7 @@ TEST_CASE("deal: faster ranks draw more views, and views of a round follow each 
   CHECK(fast.rank_of(5) == 1);
 }
 
-TEST_CASE("learning rates of larger batches: the square root, of what Adam steps alone") {
+TEST_CASE("learning rates of larger batches scale with the square root, but only those of Adam steps") {
   TrainSettings settings = resolve_automatic({});
   settings.batch = 4;
   const ParameterLayout layout(6);
@@ -105,8 +107,7 @@ TEST_CASE("learning rates of larger batches: the square root, of what Adam steps
   CHECK(scaled.noise(700) == as_given.noise(700));
 }
 
-TEST_CASE(
-    "plan of ranks: views, splats and bytes are shared out, and what travels beside drawing is hidden") {
+TEST_CASE("plan of ranks: views, splats and bytes are divided, and transfers during rendering are hidden") {
   RankCosts costs;
   costs.whole = {2, 1e-5};
   costs.project = {0.5, 1e-6};
@@ -123,11 +124,12 @@ TEST_CASE(
   CHECK(of(1, 4, {}).sent_bytes == 0);
   const RankPrediction two = of(2, 4, {1, 0});
   CHECK(two.compute_ms == Approx(4 * (0.5 + 0.5 + 0.25 + 1) + 2 * (1 + 5) + 0.125 + 1.5));
-  // Half of the records of 4 views of its splats, and of the gradients of its 2 views, stay.
+  // Half of the records of 4 views of its splats, and half of the gradients of its 2 views, are not sent.
   CHECK(two.sent_bytes == Approx(0.5 * 64 * 5e5 * (2 + 2)));
-  CHECK(two.network_ms == Approx(64 - 6));  // 64 ms at 1 GB/s, one view drawn beside them
+  CHECK(two.network_ms == Approx(64 - 6));  // 64 ms at 1 GB/s, while one view is rendered
   CHECK(of(2, 4, {100, 0}).network_ms == Approx(0.64 / 2));
-  CHECK(of(8, 4, {}).compute_ms > of(8, 8, {}).compute_ms / 2 + 0.1);  // no more is drawn at the same time
+  CHECK(of(8, 4, {}).compute_ms >
+        of(8, 8, {}).compute_ms / 2 + 0.1);  // no further view is rendered at the same time
   CHECK(of(64, 64, {10, 100}).network_ms > of(64, 64, {10, 1}).network_ms + 10);
   CHECK(of(64, 64, {}).device_bytes < of(1, 64, {}).device_bytes);
 }
@@ -135,7 +137,7 @@ TEST_CASE(
 // Kills the last rank of a job, whose run is `many`, after its first checkpoint.
 void kill_one(const TempFolder& folder, int count, const std::string& arguments,
               const std::string& environment = "") {
-  // The ranks are the launcher's children.
+  // The ranks are child processes of the launcher.
   test::put(folder / "kill.sh", fmt::format(R"(
 export {} {}
 {} {} -n {} '{}' {} & job=$!
@@ -147,10 +149,10 @@ wait $job)",
   const Result killed = test::run_command(folder, "timeout 600 bash kill.sh");
   INFO(killed.err);
   CHECK(killed.code != 0);
-  CHECK(killed.code != 124);  // it did not hang
+  CHECK(killed.code != 124);  // the job did not hang
 }
 
-TEST_CASE("ranks: a request to end that one of them gets ends all, with a checkpoint and one exit code") {
+TEST_CASE("ranks: a signal to one of them ends all, with a checkpoint and the same exit code") {
   const TempFolder folder;
   synthesise(folder);
   test::put(folder / "end.sh", fmt::format(R"sh(
@@ -168,7 +170,7 @@ wait $job)sh",
   CHECK(metrics(folder, "many")["interrupted"] == true);
 }
 
-TEST_CASE("ranks: training has the same bits for every number of them, and of a rank's threads") {
+TEST_CASE("ranks: training gives the same bits for every number of ranks and of threads per rank") {
   const TempFolder folder;
   synthesise(folder);
   for (const int dim : {3, 6, 7})
@@ -185,7 +187,7 @@ TEST_CASE("ranks: training has the same bits for every number of them, and of a 
         CHECK(metrics(folder, many)["ranks"] == count);
       }
     }
-  // With one thread the kernels are others.
+  // With one thread, the kernels are different.
   const Result alone = test::run_command(
       folder, fmt::format("env POCL_MAX_PTHREAD_COUNT=1 '{}' {}", UBS_EXECUTABLE, training(3, 8, "alone")));
   INFO(alone.err);
@@ -194,7 +196,7 @@ TEST_CASE("ranks: training has the same bits for every number of them, and of a 
 }
 
 TEST_CASE(
-    "ranks: relocation alone, more ranks than views, and than blocks of splats; a learnt sky, random "
+    "ranks: relocation without growth, more ranks than views and blocks of splats, a learnt sky, random "
     "colours") {
   const TempFolder folder;
   synthesise(folder);
@@ -211,11 +213,11 @@ TEST_CASE(
       "lr_opacity=0.2 "
       "--quiet";
   ubs_ok(folder, base + more + " --out one");
-  // Without refinements it is another model, so that some splats were relocated: there is no noise and no
-  // growth.
+  // Without refinements, the model is different. As there is no noise and no growth, this shows that splats
+  // were relocated.
   ubs_ok(folder, base + more + " --set refine=500:25000:30000 --out unrefined");
   CHECK_FALSE((get(folder / "one/model.ply") == get(folder / "unrefined/model.ply")));
-  ranks_ok(folder, 3, base + more + " --out three");  // of 2 views and 2 blocks
+  ranks_ok(folder, 3, base + more + " --out three");  // for 2 views and 2 blocks
   check_same(folder, "one", "three");
   for (const char* view : {"r_000", "r_001"})
     CHECK((get(folder / fmt::format("one/renders/{}.png", view)) ==
@@ -226,13 +228,13 @@ TEST_CASE(
   check_same(folder, "random", "random_of_two");
 }
 
-// Run by the test below on every rank.
+// The test below runs this one on every rank.
 TEST_CASE("messages between ranks", "[.rank]") {
   const std::unique_ptr<Communicator> ranks = join_job({.message = 1000});
   REQUIRE(ranks);
   CHECK(launched_ranks() == 1);  // for processes that a rank starts
   const auto size = static_cast<std::size_t>(ranks->size()), rank = static_cast<std::size_t>(ranks->rank());
-  // From none to 100 messages each, of other sizes in every direction.
+  // Sends 0 to 100 messages to each rank, with different sizes in each direction.
   const auto count = [](std::size_t from, std::size_t to) { return from * to * 2500 + to; };
   std::vector<std::vector<std::uint32_t>> pieces;
   for (std::size_t to = 0; to < size; ++to)
@@ -254,7 +256,7 @@ TEST_CASE("messages between ranks", "[.rank]") {
   ranks->merge(floats);
   for (std::size_t r = 0; r < size; ++r) CHECK(floats[r] == -1.0f / static_cast<float>(r + 3));
   CHECK(ranks->all_texts(std::string(rank, 'x')).back() == std::string(size - 1, 'x'));
-  // Two on their way, with a sum in between, and the later one is asked for first.
+  // Two transfers are in progress, with a sum in between, and the later one is waited for first.
   const std::vector<std::vector<std::uint32_t>> small(size, {static_cast<std::uint32_t>(rank)});
   Pieces large_bytes, small_bytes;
   for (std::size_t to = 0; to < size; ++to) {
@@ -270,7 +272,7 @@ TEST_CASE("messages between ranks", "[.rank]") {
     CHECK(as_values<std::uint32_t>(small_come[from])[0] == from);
     CHECK((large_come[from] == come[from]));
   }
-  // Ranks that are not of the same job.
+  // The ranks do not belong to the same job.
   const auto refusal = [&](const auto& change) {
     Checkpoint run;
     if (rank == 1) change(run);
@@ -284,7 +286,7 @@ TEST_CASE("messages between ranks", "[.rank]") {
   CHECK(run.device == "one + other");
 }
 
-TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
+TEST_CASE("ranks: messages of any size arrive, and longer ones are sent in parts") {
   const TempFolder folder;
   const std::string self = fs::read_symlink("/proc/self/exe").string();
   const Result result = test::run_command(
@@ -297,7 +299,7 @@ TEST_CASE("ranks: messages of any size arrive, longer ones in parts") {
   CHECK_THAT(result.out, Contains("assertions in 1 test case"));
 }
 
-TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not the run") {
+TEST_CASE("ranks: if the disk of one rank is full, the checkpoint is lost but the run continues") {
   const TempFolder folder;
   synthesise(folder);
   const std::string run = training(6, 4, "many", 400) + " --checkpoint-every 20";
@@ -322,7 +324,7 @@ TEST_CASE("ranks: a disk that is full for one of them costs the checkpoint, not 
     CHECK_FALSE(entry.path().filename().string().starts_with(".ubs-tmp-"));
 }
 
-TEST_CASE("ranks: nothing to be seen, and nothing to be sent") {
+TEST_CASE("ranks: no visible splats, so nothing to send") {
   const TempFolder folder;
   synthesise(folder);
   const std::string base = training(6, 4, "one", 20) + " --set near_plane=1000";
@@ -332,7 +334,7 @@ TEST_CASE("ranks: nothing to be seen, and nothing to be sent") {
   CHECK(metrics(folder, "many")["bytes_sent_by_first_rank"] == 0);
 }
 
-TEST_CASE("ranks: one of them has nothing that is seen") {
+TEST_CASE("ranks: one of them has no visible splats") {
   const TempFolder folder;
   synthesise(folder);
   std::string points =
@@ -347,13 +349,14 @@ TEST_CASE("ranks: one of them has nothing that is seen") {
   ubs_ok(folder, training(6, 4, "one", 20) + more);
   ranks_ok(folder, 2, training(6, 4, "two", 20) + more);
   check_same(folder, "one", "two");
-  // Records of the views that the other draws go out, gradients do not: 64 bytes a splat, 2 views, 20 steps.
+  // Records of the views that the other rank renders are sent, gradients are not: 64 bytes per splat, 2
+  // views, 20 steps.
   const double sent = metrics(folder, "two")["bytes_sent_by_first_rank"];
   CHECK(sent > 0);
-  CHECK(sent < 1.1 * 64 * 150 * 2 * 20);  // with the headers
+  CHECK(sent < 1.1 * 64 * 150 * 2 * 20);  // including the headers
 }
 
-TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") {
+TEST_CASE("ranks: two kinds of devices share views by speed, and results are reproducible") {
   const TempFolder folder;
   synthesise(folder);
   const auto mixed = [&](const std::string& arguments) {
@@ -373,7 +376,7 @@ TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") 
   CHECK(first["picture_differences_by_rank"][1].get<double>() < 1e-3);
   mixed(training(3, 6, "b"));
   check_same(folder, "a", "b");
-  // Its share of the views is part of the run.
+  // The share of the views of each rank is part of the run.
   const std::string two = " --device basic,pthread", kinds = "POCL_DEVICES='basic pthread'";
   kill_one(folder, 2, training(3, 6, "many", 600) + " --checkpoint-every 40" + two, kinds);
   const auto before = read_checkpoint(folder / "many/checkpoint.ubs").views_by_rank;
@@ -381,7 +384,7 @@ TEST_CASE("ranks: devices of two kinds share views by their speed, and repeat") 
   CHECK(metrics(folder, "many")["views_by_rank"] == before);
 }
 
-TEST_CASE("ranks: steps are predicted") {
+TEST_CASE("ranks: step times are predicted") {
   const TempFolder folder;
   synthesise(folder);
   const json plan = json::parse(
@@ -408,7 +411,7 @@ TEST_CASE("ranks: steps are predicted") {
                     "costs.json: 'fixed_ms' is -1; it must be at least 0");
 }
 
-TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
+TEST_CASE("ranks: images, frames and measurements are the same as with one process") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, training(6, 4, "run"));
@@ -422,7 +425,7 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
   for (const char* file : {"r_000.npy", "r_003_alpha.npy", "r_004_depth.npy", "r_009.npy"})
     CHECK((get(folder / fmt::format("a/{}", file)) == get(folder / fmt::format("b/{}", file))));
   CHECK(get(folder / "a/r_009.npy").size() > 32 * 32 * 12);
-  // The frames of a video: encoders do not repeat their bits by themselves.
+  // Frames are compared, because encoders of videos are not reproducible.
   const std::string path = "render run/model.ply --path orbit --path-frames 7 --size 64x48 ";
   both(path + "--format npy --out c", path + "--format npy --out d");
   std::size_t frames = 0;
@@ -440,7 +443,7 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
   CHECK(a["views"].size() == 3);
   CHECK(a["views"] == b["views"]);
   CHECK(a["mean"] == b["mean"]);
-  // Sums of such weights are infinite.
+  // The sums of such weights are infinite.
   TensorFile weights = check::random_weights(lpips_network("alex"), 3);
   std::ranges::fill(weights.tensors["features.0.weight"].values, 3e38f);
   fs::create_directory(folder / "w");
@@ -455,7 +458,7 @@ TEST_CASE("ranks: pictures, frames and measurements are those of one process") {
   }
 }
 
-TEST_CASE("ranks: a rank that is killed ends the job, and another number of ranks goes on") {
+TEST_CASE("ranks: a killed rank ends the job, which can be resumed with another number of ranks") {
   const TempFolder folder;
   synthesise(folder);
   const std::string more = " --checkpoint-every 40";
@@ -467,8 +470,8 @@ TEST_CASE("ranks: a rank that is killed ends the job, and another number of rank
   CHECK(metrics(folder, "many")["resumed_from"] >= 40);
 }
 
-// The run is not waited for.
-TEST_CASE("ranks: without a word about time they take the schedule that one process takes") {
+// The test does not wait for the end of the run.
+TEST_CASE("ranks: without --iterations and --budget, they use the schedule of a single process") {
   const TempFolder folder;
   synthesise(folder);
   test::put(
@@ -483,7 +486,7 @@ TEST_CASE("ranks: without a word about time they take the schedule that one proc
   CHECK_THAT(get(folder / "run/config.yaml"), Contains("\niterations: 16000 "));
 }
 
-TEST_CASE("ranks: errors are told once, with the rank that has them") {
+TEST_CASE("ranks: errors are printed once, with the number of the rank") {
   const TempFolder folder;
   synthesise(folder);
   const auto fails = [&](const std::string& arguments, int code, const std::string& part,
@@ -497,8 +500,8 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   };
   fails("train nowhere --out o", 3, "nowhere");
   fails("train data --out o --budget 1m", 2, "--budget");
-  fails("info o", 2, "'ubs info' runs in one process only: start it without mpirun");
-  // As where a launcher gives the ranks other options.
+  fails("info o", 2, "'ubs info' only runs in a single process: start it without mpirun");
+  // As if a launcher passed different options to the ranks.
   test::put(folder / "other.sh", fmt::format("exec '{}' {} --seed 4$OMPI_COMM_WORLD_RANK$PMI_RANK",
                                              UBS_EXECUTABLE, training(6, 4, "o")));
   const Result other = test::run_command(
@@ -515,9 +518,8 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
   INFO(data.err);
   CHECK(data.code == 2);
   CHECK_THAT(data.err, Contains("rank 1 has other data"));
-  // A rank that is stuck: the other one does not wait for ever. It waits for a minute, because on a busy
-  // machine the first step of the other rank may be slow: with less patience the job could end before that
-  // rank is stopped.
+  // If a rank hangs, the other one does not wait for ever, but for a minute: on a busy machine the first step
+  // of the hanging rank may be slow, and with less patience the job could end before that rank is stopped.
   test::put(
       folder / "stuck.sh",
       fmt::format(
@@ -530,7 +532,7 @@ TEST_CASE("ranks: errors are told once, with the rank that has them") {
                           UBS_MPIEXEC, UBS_MPIEXEC_FLAGS));
   INFO(stuck.err);
   CHECK(stuck.code == 4);
-  CHECK_FALSE(get(folder / "stuck/log.csv").empty());  // it was stopped, not slow to begin
+  CHECK_FALSE(get(folder / "stuck/log.csv").empty());  // it was stopped, and was not just slow to start
   CHECK_THAT(stuck.err, Contains("no answer from the other ranks"));
 }
 

@@ -1,5 +1,6 @@
-# cmake -P: whether every card from Turing on can run what ubs_cuda_architectures asks for, by the rules of CUDA: machine
-# code runs on later cards of its major number, PTX on all later ones.
+# Script for cmake -P. Tests that every card from Turing on can run the code that ubs_cuda_architectures
+# selects, by the rules of CUDA: machine code runs on later cards with the same major number, PTX on all later
+# cards.
 include(${CMAKE_CURRENT_LIST_DIR}/../../cmake/CudaArchitectures.cmake)
 foreach(version 12.0 12.8 13.0)
   ubs_cuda_architectures(${version} architectures)
@@ -21,8 +22,9 @@ foreach(version 12.0 12.8 13.0)
   endforeach()
 endforeach()
 
-# A second run of CMake, which finds what the first left in the cache, makes code for the same cards; what somebody
-# chooses stays. In place of enable_language what it does to the cache where there is no choice.
+# A second run of CMake, which finds the cache of the first, generates code for the same cards, and a choice
+# of the user is kept. Instead of calling enable_language(), the test changes the cache like this function
+# does if the user made no choice.
 macro(enable_language)
   if(NOT CMAKE_CUDA_ARCHITECTURES)
     set(CMAKE_CUDA_ARCHITECTURES 75 CACHE STRING "CUDA architectures")

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA back end on the host, offered to the registry as one more back end.
+// Offers the CUDA back end on the host to the registry as an additional back end.
 #pragma once
 
 namespace ubs::test {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// In place of NVRTC and the driver: a program for run time becomes a shared library of the C++ compiler that
-// this build uses. It gets exactly the texts that NVRTC would get, so that one which is not embedded is
-// missed here too.
+// Replaces NVRTC and the driver: the C++ compiler of this build compiles a run-time program to a shared
+// library. It gets exactly the texts that NVRTC would get, so the tests also fail if one of them has not been
+// embedded.
 #include <dlfcn.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -17,7 +17,8 @@
 namespace ubs::cuda {
 namespace {
 
-// From the arguments of a launch to a call that can be made later: `bind_<kernel>` of each kernel.
+// Returns the source of a function `bind_<kernel>` for each kernel. It converts the arguments of a launch to
+// a call that can be made later.
 std::string bind_functions(const ProgramSpec& spec) {
   std::string text;
   for (const std::string& kernel : spec.kernels)
@@ -30,8 +31,8 @@ std::string bind_functions(const ProgramSpec& spec) {
 
 using BindFunction = void (*)(void**, std::function<void()>*);
 
-// Makes the functions of this code visible to programs, if it is in a library that was loaded for itself alone,
-// as Python does.
+// Makes the functions of this code visible to programs if it is part of a library that was loaded without
+// sharing its symbols, as Python does.
 void show_own_symbols() {
   Dl_info info{};
   if (dladdr(reinterpret_cast<void*>(&compiler_version), &info) != 0)
@@ -40,10 +41,10 @@ void show_own_symbols() {
 
 }  // namespace
 
-// Names what programs look like, too: they are kept by it.
+// The name also states the form of the programs, because it is part of the key by which they are stored.
 std::string compiler_version() { return UBS_HOST_COMPILER " " __VERSION__ " -Og, bind"; }
 
-// With -Og, which takes half the time of -O1, and what little runs then is about as fast.
+// -Og compiles in half the time of -O1, and the resulting code is about as fast for these short runs.
 CompiledProgram compile_program(const ProgramSpec& spec, int) {
   const test::TempFolder folder;
   const ProgramText program = program_text(spec);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Logarithm, power and reciprocal of the rasterisers on CUDA against float64, with the largest errors that
-// PTX allows the instructions behind them (tests/cuda/include/cuda_runtime.h). The card's own are smaller.
+// Compares logarithm, power and reciprocal of the rasterisers on CUDA with float64. The instructions have the
+// largest errors that PTX allows (tests/cuda/include/cuda_runtime.h). The errors of real cards are smaller.
 #include <cuda_runtime.h>
 
 #include <catch2/catch.hpp>
@@ -16,7 +16,8 @@ namespace {
 
 #include "cuda_backend/shared_math.cuh"
 
-// Largest relative error of `f` at n + 1 points from `from` to `to`, as many to an octave throughout.
+// Returns the largest relative error of `f` at n + 1 points from `from` to `to`, with equal ratios between
+// neighbours.
 template <typename Function, typename Truth>
 double largest_error(const Function& f, const Truth& truth, double from, double to, int n = 2'000'000) {
   double most = 0;
@@ -24,7 +25,7 @@ double largest_error(const Function& f, const Truth& truth, double from, double 
     const auto x = static_cast<float>(from * std::pow(to / from, static_cast<double>(i) / n));
     const double exact = truth(static_cast<double>(x));
     const double error = std::abs(static_cast<double>(f(x)) - exact) / std::abs(exact);
-    if (!(error <= most)) most = error;  // NaN too
+    if (!(error <= most)) most = error;  // also for NaN
   }
   return most;
 }

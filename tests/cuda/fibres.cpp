@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The threads of a CUDA block as fibres that run one at a time and give way at barriers and warp operations.
-// UBS_CUDA_ON_HOST_ORDER decides who goes on: forward (default), reverse, greedy (the same warp as long as it
-// can, so that it runs as far ahead of the others as the barriers let it), or a number that seeds a random
-// order of threads and blocks. A kernel that lacks a barrier gives different results in different orders:
-// without any one of the barriers in the rasterisers or the loss, forward or greedy was noticed
-// (README.md beside this file).
+// Runs the threads of a CUDA block as fibres, one at a time. They switch at barriers and warp operations.
+// UBS_CUDA_ON_HOST_ORDER selects which fibre continues: forward (default), reverse, greedy (the same warp as
+// long as possible, so that it runs as far ahead of the others as the barriers allow), or a number, which is
+// the seed of a random order of threads and blocks. A kernel without a necessary barrier gives different
+// results in different orders: for each barrier in the rasterisers and the loss, the forward or greedy order
+// detected that it was missing (README.md in this folder).
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -82,7 +82,7 @@ void change(Context& from, Context& to) { swapcontext(&from, &to); }
 
 // ---- One block ----
 
-// A fibre that waits does so until a generation moves on.
+// A waiting fibre waits until the number of a generation changes.
 struct Meeting {
   unsigned arrived = 0, generation = 0;
 };
@@ -95,7 +95,8 @@ struct Fibre {
 
   bool runnable() const { return !done && (!waits_for || waits_for->generation != seen); }
 };
-// Values of two generations: the next exchange may begin while lanes still read the last one.
+// The values of two generations are stored, because the next exchange may start while lanes still read the
+// values of the last one.
 struct Warp {
   Meeting meeting;
   std::uint32_t values[2][kLanes];

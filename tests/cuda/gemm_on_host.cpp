@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// In place of cuBLAS: a plain product.
+// Replaces cuBLAS by a simple matrix product.
 #include "cuda_backend/cuda_gemm.hpp"
 
 namespace ubs::cuda {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which cards the CUDA back end offers, and what it says of those that it does not.
+// Tests which cards the CUDA back end offers, and what it reports about the others.
 #include <cuda_runtime.h>
 
 #include <catch2/catch.hpp>
@@ -16,8 +16,8 @@ struct OtherCard {
   ~OtherCard() { cuda_on_host::card = {}; }
 };
 
-// Twice, as a process lists its devices several times; it must not matter. Each remark is made once a
-// process: the numbers of each test are its own.
+// Lists the devices twice, because a process lists them several times and this must make no difference. Each
+// message is printed once per process, so each test uses different numbers.
 std::string remarks_of_listing(std::size_t devices) {
   return test::on_stderr([&] {
     for (int i = 0; i < 2; ++i) CHECK(cuda::list_devices().size() == devices);
@@ -33,7 +33,7 @@ TEST_CASE("without a driver or a card there are no CUDA devices and no remarks",
     const OtherCard card({.driver = 13000, .runtime = 13000, .count = cudaErrorNoDevice});
     CHECK(remarks_of_listing(0).empty());
   }
-  SECTION("a card that machine code was made for is not opened") {
+  SECTION("a card with matching machine code is not opened") {
     for (const int capability : {80, 86, 90}) {
       const OtherCard card({.capability = capability, .code = cudaErrorInvalidValue});
       CHECK(remarks_of_listing(1).empty());
@@ -41,7 +41,7 @@ TEST_CASE("without a driver or a card there are no CUDA devices and no remarks",
   }
 }
 
-TEST_CASE("why there are no CUDA devices is said once", "[cuda]") {
+TEST_CASE("the reason for having no CUDA devices is reported once", "[cuda]") {
   SECTION("driver too old") {
     const OtherCard card({.driver = 12040, .runtime = 13010, .count = cudaErrorInsufficientDriver});
     CHECK(
@@ -53,13 +53,13 @@ TEST_CASE("why there are no CUDA devices is said once", "[cuda]") {
     const OtherCard card({.driver = 13000, .runtime = 13010, .count = cudaErrorInvalidValue});
     CHECK(remarks_of_listing(0) == "ubs: warning: no CUDA devices: cudaError: error on the host\n");
   }
-  SECTION("a card that does not answer") {
+  SECTION("a card that does not respond") {
     const OtherCard card({.driver = 13000, .runtime = 13000, .properties = cudaErrorInvalidValue});
     CHECK(remarks_of_listing(0) == "ubs: warning: CUDA device 0 is not used: cudaError: error on the host\n");
   }
 }
 
-TEST_CASE("a card that the build has no code for is passed over with the reason", "[cuda]") {
+TEST_CASE("a card for which the build has no code is skipped, with the reason", "[cuda]") {
   SECTION("before Turing") {
     const OtherCard card({.capability = 70});
     CHECK(
@@ -79,7 +79,7 @@ TEST_CASE("a card that the build has no code for is passed over with the reason"
     CHECK(remarks_of_listing(1).empty());
     CHECK(cuda::open_device(0)->info().version == "sm_120");
   }
-  SECTION("when it is opened at the latest") {
+  SECTION("the error is detected when the card is opened") {
     const OtherCard card({.capability = 90, .code = cudaErrorNoKernelImageForDevice});
     CHECK(remarks_of_listing(1).empty());
     const std::string message = test::message_of([] { cuda::open_device(0); }, ErrorKind::device);
@@ -87,7 +87,7 @@ TEST_CASE("a card that the build has no code for is passed over with the reason"
   }
 }
 
-TEST_CASE("a card that other programs use too offers what they leave", "[cuda]") {
+TEST_CASE("the memory of a card is what other programs leave free", "[cuda]") {
   const std::uint64_t all = cuda::open_device(0)->info().memory_bytes;
   const OtherCard card({.used = std::size_t{all} / 4});
   const DeviceInfo listed = cuda::list_devices().at(0);

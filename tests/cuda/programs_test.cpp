@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Programs that the CUDA back end compiles at run time, by the real NVRTC, which needs no GPU: every value of
-// every switch once, for sm_90. That variants compute the right thing is shown by test_variants and test_work
-// on devices and with --cuda-on-host.
+// Compiles the programs that the CUDA back end compiles at run time with the real NVRTC, which needs no GPU:
+// every value of every switch once, for sm_90. test_variants and test_work check the results of variants, on
+// devices and with --cuda-on-host.
 #include <fmt/ranges.h>
 
 #include <catch2/catch.hpp>
@@ -33,9 +33,9 @@ bool compiler_exists() {
   }
 }
 
-// Few configurations that together have every value of every switch; whatever a program does not read, it
-// ignores. Those that have it in any dimension have a small one: programs of large ones take ten times as
-// long.
+// A small set of configurations that together contain every value of every switch. A program ignores switches
+// that it does not read. If a switch exists in all dimensions, a small dimension is used, because programs
+// with large dimensions take ten times as long to compile.
 std::vector<KernelConfig> configurations() {
   std::vector<KernelConfig> all;
   const std::set<std::string> names{
@@ -87,7 +87,7 @@ std::vector<KernelUse> kernel_uses(const std::string& log) {
 
 TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]") {
   if (!compiler_exists()) return;
-  std::ofstream report("cuda_programs_sm90.csv");  // beside cuda_registers_sm90.csv
+  std::ofstream report("cuda_programs_sm90.csv");  // in the folder of cuda_registers_sm90.csv
   report << "kernel,options,registers,spill_bytes\n";
   std::set<std::string> seen;
   for (const KernelConfig& config : configurations())
@@ -112,7 +112,7 @@ TEST_CASE("every switch compiles for sm_90, rasterisers without spills", "[cuda]
   CHECK(seen.size() > 20);
 }
 
-TEST_CASE("the default form compiles the camera's gradient alone at run time", "[cuda]") {
+TEST_CASE("the default form only compiles the gradient of the camera at run time", "[cuda]") {
   for (const bool depth : {true, false}) {
     CHECK(cuda::run_time_programs({.dim = 7, .depth = depth, .backward = false}).empty());
     const std::vector<cuda::ProgramSpec> programs = cuda::run_time_programs({.dim = 7, .depth = depth});
@@ -123,7 +123,7 @@ TEST_CASE("the default form compiles the camera's gradient alone at run time", "
   CHECK(cuda::run_time_programs({.dim = 8}).size() == 3);  // projection, camera, parameters
 }
 
-TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {
+TEST_CASE("code for a card that is newer than the compiler is PTX", "[cuda]") {
   if (!compiler_exists()) return;
   const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=3"}};
   CHECK(cuda::compile_program(spec, 999).binary.find(".visible .entry adam_step(") != std::string::npos);
@@ -131,7 +131,7 @@ TEST_CASE("code for a newer card than the compiler knows is PTX", "[cuda]") {
         std::string::npos);
 }
 
-TEST_CASE("compiled programs are kept, and made again when damaged", "[cuda]") {
+TEST_CASE("compiled programs are stored, and compiled again if damaged", "[cuda]") {
   if (!compiler_exists()) return;
   const test::TempFolder folder;
   ::setenv("UBS_KERNEL_CACHE", folder.path().c_str(), 1);
@@ -141,7 +141,7 @@ TEST_CASE("compiled programs are kept, and made again when damaged", "[cuda]") {
   const std::filesystem::path file = *std::filesystem::directory_iterator(folder.path());
   const std::string whole = test::get(file);
   CHECK(whole.size() == binary.size() + 4);
-  std::string other = whole;  // a whole file is taken as it is
+  std::string other = whole;  // a complete file is used unchanged
   CHECK(cuda::cached_binary(spec, kHopper) == binary);
   other[other.size() / 2] = static_cast<char>(other[other.size() / 2] ^ 1);
   for (const std::string& damaged : {other, whole.substr(0, 100), std::string()}) {
@@ -155,7 +155,7 @@ TEST_CASE("compiled programs are kept, and made again when damaged", "[cuda]") {
   ::unsetenv("UBS_KERNEL_CACHE");
 }
 
-TEST_CASE("the NVRTC is one whose code the driver loads", "[cuda]") {
+TEST_CASE("an NVRTC is selected whose code the driver can load", "[cuda]") {
   using Names = std::vector<std::string>;
   CHECK(cuda::toolkit_names("libnvrtc", "11.2", 12040) ==
         Names{"libnvrtc.so.12", "libnvrtc.so.11.2", "libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so"});
@@ -174,13 +174,13 @@ TEST_CASE("the NVRTC is one whose code the driver loads", "[cuda]") {
   CHECK(version_for(12040) == 12);
   const std::string message =
       test::message_of([&] { cuda::open_nvrtc(newer_first, 11080); }, ErrorKind::device);
-  CHECK(message.find("is version 12.2, whose code the driver, CUDA 11.8, does not load") !=
+  CHECK(message.find("has version 12.2, whose code is too new for the driver, which supports CUDA 11.8") !=
         std::string::npos);
   CHECK(test::message_of([] { cuda::open_nvrtc({}, 12040); }, ErrorKind::device).find("libnvrtc.so") !=
         std::string::npos);
 }
 
-TEST_CASE("what does not compile is a build error with the compiler's words", "[cuda]") {
+TEST_CASE("a compilation failure is a build error that contains the message of the compiler", "[cuda]") {
   if (!compiler_exists()) return;
   const cuda::ProgramSpec spec{"cuda_backend/map_parameters.cuh", {"adam_step"}, {"-DUBS_N=not_a_number"}};
   try {

@@ -137,7 +137,7 @@ namespace cuda_on_host {
 
 namespace {
 
-// To the nearest multiple of 2^dropped units of its last place.
+// Rounds to the nearest multiple of 2^dropped units in the last place.
 float coarse(float x, int dropped) {
   std::uint32_t bits;
   std::memcpy(&bits, &x, sizeof bits);
@@ -161,8 +161,8 @@ float recip_approx(float x) { return coarse(1 / x, 1); }
 namespace ubs::cuda {
 namespace {
 
-// The protocol of CUB: a call without memory asks for the size; the size must be there in the second, which
-// runs as the stream has it.
+// Follows the protocol of CUB: a call without memory returns the size. The second call must provide memory of
+// this size, and is executed by the stream.
 template <typename Call>
 cudaError_t algorithm(Workspace& workspace, cudaStream_t stream, const Call& call) {
   constexpr std::size_t kBytes = 64;

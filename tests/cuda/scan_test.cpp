@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts of splats and tiles in one word (AddCounts): the same sum wherever a range is cut, and the most that
-// fits where tiles do not.
+// Tests the counts of splats and tiles in one word (AddCounts): the sum does not depend on how a range is
+// divided, and the number of tiles saturates at the largest value that fits.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-TEST_CASE("packed counts add up wherever they are cut", "[cuda]") {
+TEST_CASE("packed counts have the same sum for every division of the range", "[cuda]") {
   std::mt19937 random{3};
   for (const u32 bits : {2u, 17u, 24u, 31u}) {
     const ToCounts counts{bits};
@@ -22,7 +22,8 @@ TEST_CASE("packed counts add up wherever they are cut", "[cuda]") {
       for (int i = 0; i < splats; ++i) {
         const u32 mine = random() % 3 == 0 ? 0 : static_cast<u32>(random()) >> random() % 32;
         words.push_back(counts(mine));
-        // As far as a word can hold: tiles beyond 32 bits come of ranges, which are sums themselves.
+        // Tests up to the capacity of a word. More than 32 bits of tiles only occur for ranges, which are
+        // sums themselves.
         const u64 more = mine > 0 && bits > 2 ? (u64{random()} << (random() % 40)) % (most - mine) : 0;
         words.back() += more << bits;
         drawn += mine > 0 ? 1 : 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Uploads beside the queue on the CUDA runtime of tests/cuda, with one of the two streams, or both, as late
-// as CUDA allows: they overlap with what is given after them, and neither too early nor too late.
+// Tests uploads on a separate stream with the CUDA runtime of tests/cuda. One or both streams run as late as
+// CUDA allows. Uploads must overlap with later work and be neither too early nor too late.
 #include <catch2/catch.hpp>
 
 #include "cuda_backend/cuda_device.hpp"
@@ -33,7 +33,7 @@ struct Bench {
   void copy_async(float value) {
     std::vector<float> values(kThreads, value);
     device.copy_async(*image.view().memory, std::as_bytes(std::span<const float>(values)));
-    values.assign(kThreads, -100.0f);  // may change at once
+    values.assign(kThreads, -100.0f);  // may be changed immediately
   }
   void give_add() {
     device.launch("add", cuda::Kernel<void(float*, const float*)>(add), 1, kThreads, sum.view(),
@@ -45,18 +45,19 @@ struct Bench {
   std::function<bool(cudaStream_t)> usual = cuda_on_host::is_late;
 };
 
-TEST_CASE("an upload beside the queue does not hold up what is given after it", "[cuda]") {
+TEST_CASE("an upload on a separate stream does not delay later work", "[cuda]") {
   Bench b;
   b.let_late(false, true);
   b.copy_async(2);
   b.give_add();
-  CHECK(b.first_sum() == 1);  // done, also for the host, and the upload is still under way
+  CHECK(b.first_sum() ==
+        1);  // the work is done, also from the host's view, and the upload is still in progress
   b.device.join_uploads();
   b.give_add();
   CHECK(b.first_sum() == 3);
 }
 
-TEST_CASE("an upload beside the queue waits for what was given before it", "[cuda]") {
+TEST_CASE("an upload on a separate stream waits for earlier work", "[cuda]") {
   Bench b;
   b.let_late(true, false);
   b.give_add();
@@ -66,7 +67,7 @@ TEST_CASE("an upload beside the queue waits for what was given before it", "[cud
   CHECK(b.first_sum() == 3);
 }
 
-TEST_CASE("uploads beside the queue keep their order and values when all is late", "[cuda]") {
+TEST_CASE("uploads on a separate stream keep their order and values if both streams are late", "[cuda]") {
   Bench b;
   b.let_late(true, true);
   for (int i = 1; i <= 5; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses that are off, of cameras that see a textured wall and a board before it, come back to where they
-// were.
+// Tests that camera poses with errors are corrected. The cameras see a textured wall and a board in front of
+// it.
 #include "host/data/align_cameras.hpp"
 
 #include <catch2/catch.hpp>
@@ -25,7 +25,7 @@ cv::Mat spots(int seed) {
   return texture;
 }
 
-// On an arc about the point (0, 0, kToMiddle), which they look at.
+// Returns cameras on an arc around the point (0, 0, kToMiddle), at which they look.
 Camera camera_at(int i) {
   Camera c;
   c.width = kAcross, c.height = kDown;
@@ -69,7 +69,7 @@ PoseErrors errors(std::vector<Camera> cameras, std::span<const Camera> truth) {
   hold_gauge(cameras, truth);
   PoseErrors e;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const CameraMove move = pose_move(truth[i], cameras[i], 0);  // about the centre
+    const CameraMove move = pose_move(truth[i], cameras[i], 0);  // around the centre
     e.turn += dot({move[0], move[1], move[2]}, {move[0], move[1], move[2]});
     const Vec3 away = Vec3(cameras[i].centre()) - truth[i].centre();
     e.centre += dot(away, away);
@@ -79,7 +79,7 @@ PoseErrors errors(std::vector<Camera> cameras, std::span<const Camera> truth) {
 
 }  // namespace
 
-TEST_CASE("cameras are aligned by the corners of their pictures") {
+TEST_CASE("cameras are aligned by keypoints of their images") {
   const cv::Mat wall = spots(1), board = spots(2);
   std::vector<Camera> truth;
   std::vector<View> views;
@@ -111,7 +111,7 @@ TEST_CASE("cameras are aligned by the corners of their pictures") {
   }
 }
 
-TEST_CASE("cameras of pictures without texture stay") {
+TEST_CASE("cameras of images without texture are not changed") {
   std::vector<View> views;
   for (int i = 0; i < 5; ++i) {
     View view = seen_from(camera_at(i), spots(1), spots(2));

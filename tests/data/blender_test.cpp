@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, every
-// refusal, and two real data sets where they are at hand. Scene extent is tested on its cameras.
+// Tests the loader of transforms_*.json: camera mathematics, intrinsics, time, names, missing images, every
+// error, and two real data sets if they are available. Scene extent is also tested with these cameras.
 #include "host/data/blender.hpp"
 
 #include <cmath>
@@ -46,9 +46,9 @@ std::array<double, 2> project(const Camera& c, const std::array<double, 3>& p) {
 
 }  // namespace
 
-TEST_CASE("blender: a known point lands on a known pixel", "[blender]") {
+TEST_CASE("blender: a known point is projected to a known pixel", "[blender]") {
   TempFolder folder;
-  // The camera stands at (0, -4, 0), looks along +y, has +z up: right = x, up = z, back = -y.
+  // The camera is at (0, -4, 0), looks along +y, and has +z up: right = x, up = z, back = -y.
   const std::string matrix = "[[1,0,0,0],[0,0,-1,-4],[0,1,0,0],[0,0,0,1]]";
   const double angle = 2 * std::atan(0.5);  // fx = width: at depth 4 a metre is width / 4 pixels
   const Split split =
@@ -79,22 +79,22 @@ TEST_CASE("blender: intrinsics from file and frame", "[blender]") {
   c = camera(pixels, "", 2);
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{50.0, 55.0, 15.0, 10.0});
   CHECK(std::array{c.width, c.height} == std::array{32, 24});
-  c = camera(pixels, R"("fl_x": 90, "cx": 31)");  // the frame wins
+  c = camera(pixels, R"("fl_x": 90, "cx": 31)");  // the frame takes precedence
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{90.0, 110.0, 31.0, 20.0});
   c = camera(R"("fl_x": 100, "w": 64, "h": 48)", "");
   CHECK(std::array{c.fx, c.fy, c.cx, c.cy} == std::array{100.0, 100.0, 32.0, 24.0});
   c = camera(R"("camera_angle_x": 1.0, "camera_angle_y": 0.5, "w": 64, "h": 48)", "");
   CHECK(c.fx == Approx(32 / std::tan(0.5)));
   CHECK(c.fy == Approx(24 / std::tan(0.25)));
-  // As Blender's add-ons write them: the angles are those of a sensor of 36 x 24 mm, whatever the image.
+  // Blender's add-ons write the angles of a sensor of 36 x 24 mm, independently of the image.
   c = camera(R"("camera_angle_x": 0.69, "camera_angle_y": 0.47, "fl_x": 89, "fl_y": 89, "w": 64, "h": 64)",
              "");
   CHECK(std::array{c.fx, c.fy} == std::array{89.0, 89.0});
-  c = camera(R"("fl_x": 89, "w": 64, "h": 64)", R"("camera_angle_x": 1.0)");  // the frame wins
+  c = camera(R"("fl_x": 89, "w": 64, "h": 64)", R"("camera_angle_x": 1.0)");  // the frame takes precedence
   CHECK(c.fx == Approx(32 / std::tan(0.5)));
 }
 
-TEST_CASE("blender: pixel quantities follow the size of the image file", "[blender]") {
+TEST_CASE("blender: pixel quantities are scaled to the size of the image file", "[blender]") {
   TempFolder folder;
   std::filesystem::create_directories(folder / "train");
   save_png_rgba(folder / "train/r_0.png", std::vector<std::uint8_t>(4 * 32 * 24, 200), 32, 24);
@@ -117,16 +117,18 @@ TEST_CASE("blender: pixel quantities follow the size of the image file", "[blend
   const View bare = load(folder, document(frame(""), R"("camera_angle_x": 1.0)"), options).views.at(0);
   CHECK(bare.image.width == 0);
   CHECK(bare.camera.width == 16);                                      // read from the PNG header
-  const Camera same = load(folder, json, options).views.at(0).camera;  // with pixels and without
+  const Camera same = load(folder, json, options).views.at(0).camera;  // with and without pixels
   CHECK(same.width == small.camera.width);
   CHECK(same.fx == small.camera.fx);
 }
 
-TEST_CASE("blender: a size with a fraction is that of an image less than a pixel away", "[blender]") {
+TEST_CASE("blender: a fractional size matches an image whose size differs by less than a pixel",
+          "[blender]") {
   TempFolder folder;
   std::filesystem::create_directories(folder / "train");
   save_png_rgba(folder / "train/r_0.png", std::vector<std::uint8_t>(4 * 32 * 24, 200), 32, 24);
-  // 40.5 % of 80 x 61 pixels: Blender draws 32 x 24 of them; the other values are of the size with fractions.
+  // 40.5 % of 80 x 61 pixels: Blender renders 32 x 24 pixels, but the other values refer to the fractional
+  // size.
   const std::string size = R"("w": 32.4, "h": 24.705)";
   const auto camera = [&](const std::string& head, const DatasetOptions& options = {}) {
     return load(folder, document(frame(""), head), options).views.at(0).camera;
@@ -159,12 +161,12 @@ TEST_CASE("blender: time is normalised with the range of the training file", "[b
   CHECK(test.name == "test");
   CHECK(test.views[0].camera.time == 0.25);
   CHECK(test.views[1].camera.time == 1.25);  // outside the training range: not clamped
-  CHECK(test.views[2].camera.time == -0.5);  // no time means 0
+  CHECK(test.views[2].camera.time == -0.5);  // a missing time is 0
   CHECK(load(folder, document(timed("5") + "," + timed("5"))).views[1].camera.time == 0.0);
   CHECK(load(folder, document(frame(""))).views[0].camera.time == 0.0);
 }
 
-TEST_CASE("blender: names, duplicates, extensions, further query values", "[blender]") {
+TEST_CASE("blender: names, duplicates, file extensions, further query values", "[blender]") {
   TempFolder folder;
   const auto named = [](const std::string& path) { return frame("\"query\": [0.5, -1]", kIdentity, path); };
   const Split split =
@@ -191,7 +193,7 @@ TEST_CASE("blender: missing images", "[blender]") {
   CHECK_THAT(message_of([&] { load(folder, document(frame(""))); }), Contains("r_0.png: cannot decode"));
 }
 
-TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
+TEST_CASE("blender: errors contain the file, the frame and the field", "[blender]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.layout = "blender"}}); }),
              Contains("no transforms_train.json"));
@@ -229,16 +231,16 @@ TEST_CASE("blender: refusals name file, frame and field", "[blender]") {
   CHECK_THAT(bad_frame(frame("\"time\": \"x\"")), Contains(place + "'time' must be a number"));
   CHECK_THAT(bad_frame(frame("\"query\": 4")), Contains(place + "'query' must be an array"));
   CHECK_THAT(bad_frame(frame("\"query\": [null]")), Contains(place + "'query' must be an array of finite"));
-  CHECK_THAT(bad_frame(frame("\"query\": [1]")), Contains(place + "'query' has 1 values, frame 0 has 0"));
+  CHECK_THAT(bad_frame(frame("\"query\": [1]")),
+             Contains(place + "'query' has 1 values, but that of frame 0 has 0"));
   CHECK_THAT(bad_frame(frame("\"w\": 8.5")), Contains(place + "'w' = 8.5 must be a whole number"));
   CHECK_THAT(bad_frame(frame("\"h\": 0")), Contains("'h' = 0"));
   CHECK_THAT(bad_frame(frame("\"h\": 1e12")), Contains("whole number"));
   CHECK_THAT(bad_frame(frame("\"fl_x\": -3")), Contains(place + "'fl_x' = -3 must be positive"));
   CHECK_THAT(bad_frame(frame("\"camera_angle_x\": 3.2")), Contains("between 0 and pi"));
-  CHECK_THAT(bad_frame(frame("\"k1\": -0.2")), Contains(place + "'k1' = -0.2: lenses with distortion"));
+  CHECK_THAT(bad_frame(frame("\"k1\": -0.2")), Contains(place + "'k1' = -0.2: lens distortion"));
   CHECK(bad_frame(frame("\"k1\": 0.0, \"p2\": 0")).empty());
-  CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")),
-             Contains("neither 'camera_angle_x' nor 'fl_x'"));
+  CHECK_THAT(refusal(document(frame(""), "\"w\": 8, \"h\": 8")), Contains("'camera_angle_x' or 'fl_x'"));
 }
 
 TEST_CASE("extent: 1.1 times the largest distance from the mean camera", "[blender]") {
@@ -281,13 +283,14 @@ TEST_CASE("blender: a real dynamic set whose test times span less than the train
   const Split test = load_blender_split(folder, "test", options);
   CHECK(test.views.front().camera.time == Approx(0.09395973154362416));
   CHECK(test.views.back().camera.time == Approx(0.912751677852349));
-  // Its cameras differ: fl_x of the frame (482.84) must win over camera_angle_x of the file (428.90).
+  // Its cameras differ, so fl_x of the frame (482.84) must take precedence over camera_angle_x of the file
+  // (428.90).
   CHECK(test.views[0].camera.fx == Approx(482.8427124746));
 }
 
 namespace {
 
-// A points3d.ply, where `colour(position, random number)` gives each of the points its grey.
+// Writes a points3d.ply in which `colour(position, random number)` returns the grey value of each point.
 template <typename Position, typename Colour>
 void put_points(const std::filesystem::path& file, int count, Position position, Colour colour) {
   std::string text = fmt::format(
@@ -304,7 +307,7 @@ void put_points(const std::filesystem::path& file, int count, Position position,
 
 }  // namespace
 
-TEST_CASE("blender: random points that 3DGS code has left in the folder are no data", "[blender]") {
+TEST_CASE("blender: random points that 3DGS code has written into the folder are not used", "[blender]") {
   std::mt19937 generator(3);
   const auto uniform = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(generator);
@@ -344,7 +347,7 @@ TEST_CASE("blender: random points that 3DGS code has left in the folder are no d
     CHECK(taken(on_sphere, grey));
     CHECK(taken(on_sphere, any));
   }
-  put_points(folder / "points3d.ply", 300, in_box, grey);  // too few to tell
+  put_points(folder / "points3d.ply", 300, in_box, grey);  // too few to decide
   std::string note;
   CHECK(points_of(note) == 300);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP folders: both kinds of file, every camera model, splits, masks, sizes, refusals, real scenes.
+// Tests COLMAP folders: both kinds of files, every camera model, splits, masks, sizes, errors, and real
+// scenes.
 #include "host/data/colmap.hpp"
 
 #include <opencv2/imgcodecs.hpp>
@@ -19,7 +20,7 @@ constexpr const char* kCameras =
     "# comment\n1 PINHOLE 64 48 50 51 33 23\n2 SIMPLE_RADIAL 64 48 50 32 24 0.1\n";
 constexpr const char* kPoints = "1 0.5 -1 4 10 20 30 0.7 1 2\n2 1 1 5 40 50 60 0.1\n";
 
-// Ten images named im0 .. im9 in reverse order, all with the given camera.
+// Creates ten images named im0 to im9 in reverse order, all with the given camera.
 std::string images_text(int camera = 1) {
   std::string text = "# two lines each\n";
   for (int i = 9; i >= 0; --i)
@@ -87,7 +88,7 @@ TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
   CHECK(data.points->colours[0] == std::array<std::uint8_t, 3>{10, 20, 30});
 }
 
-TEST_CASE("colmap: of several models the largest is used, or the one that is asked for", "[colmap]") {
+TEST_CASE("colmap: if there are several models, the largest or the requested one is used", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 im0.png\n\n");
@@ -102,12 +103,12 @@ TEST_CASE("colmap: of several models the largest is used, or the one that is ask
   CHECK(views("2") == 10);
   CHECK(views("0") == 1);
   CHECK_THAT(message_of([&] { views("7"); }, ErrorKind::usage),
-             Contains("no COLMAP model is called '7'") && Contains("--colmap-model"));
-  std::filesystem::remove_all(folder / "sparse/0");  // without sparse/0 too
+             Contains("there is no COLMAP model '7'") && Contains("--colmap-model"));
+  std::filesystem::remove_all(folder / "sparse/0");  // also without sparse/0
   CHECK(load_dataset(folder.path()).find("train")->views.size() == 8);
 }
 
-TEST_CASE("colmap: text files without the empty second lines have all their images", "[colmap]") {
+TEST_CASE("colmap: text files without the empty second lines are read completely", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   put(folder / "sparse/0/images.txt",
@@ -131,7 +132,7 @@ TEST_CASE("colmap: colours of text files may be floating-point numbers", "[colma
   CHECK_THAT(message_of([&] { colour("1 0 0 1 256 0 0 0.1\n"); }), Contains("points3D.txt:1: colour '256'"));
 }
 
-TEST_CASE("colmap: points3D.ply stands for points that the model does not have", "[colmap]") {
+TEST_CASE("colmap: points3D.ply is used if the model has no points", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   std::filesystem::remove(folder / "sparse/0/points3D.txt");
@@ -143,15 +144,15 @@ TEST_CASE("colmap: points3D.ply stands for points that the model does not have",
   CHECK(data.points->colours.at(0) == std::array<std::uint8_t, 3>{255, 51, 0});
 }
 
-TEST_CASE("colmap: images of another shape than their cameras are refused", "[colmap]") {
+TEST_CASE("colmap: images whose aspect ratio differs from their cameras are rejected", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   put_image(folder / "images/im3.png", 48, 64, 3);
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("im3.png") && Contains("48x64") &&
                                                                    Contains("64x48") &&
-                                                                   Contains("turned by 90 degrees"));
+                                                                   Contains("rotated by 90 degrees"));
   put_image(folder / "images/im3.png", 60, 40, 3);
-  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("another shape"));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("different aspect ratio"));
   for (const auto& [width, height] :
        {std::pair{32, 24}, std::pair{21, 16}, std::pair{22, 16}, std::pair{640, 479}}) {
     put_image(folder / "images/im3.png", width, height, 3);
@@ -173,7 +174,7 @@ TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]"
   CHECK(std::array{camera.fx, camera.fy, camera.cx, camera.cy} == std::array{25.0, 25.5, 16.0, 12.0});
   CHECK(data.splits[0].views[0].image.width == 32);
 
-  // A folder of reduced images is taken as it is, not scaled up to the cameras.
+  // Reduced images of a folder are used unchanged, not scaled up to the size of the cameras.
   for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_4/im{}.png", i), 16, 12, i);
   options = {};
   options.read.images = "images_4";
@@ -196,7 +197,7 @@ TEST_CASE("colmap: missing images are skipped and reported", "[colmap]") {
   CHECK(data.report.skipped[0].examples == std::vector<std::string>{"im4.png"});
 }
 
-TEST_CASE("colmap: distorted cameras are undistorted, which is reported", "[colmap]") {
+TEST_CASE("colmap: distorted images are undistorted, which is reported", "[colmap]") {
   TempFolder folder;
   put_scene(folder, 2);
   const Dataset data = load_dataset(folder.path());
@@ -212,7 +213,7 @@ TEST_CASE("colmap: distorted cameras are undistorted, which is reported", "[colm
   CHECK(file_count(folder / "cache") == 10);
   CHECK(second.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
   CHECK(first.splits[0].views[1].image.rgb == data.splits[0].views[1].image.rgb);
-  // Of many lenses there was a line for each.
+  // Earlier versions printed a line for each of many lenses.
   std::string cameras, images;
   for (int i = 0; i < 10; ++i) {
     cameras += fmt::format("{} SIMPLE_RADIAL 64 48 50 32 24 {}\n", i, 0.1 + 0.01 * i);
@@ -228,7 +229,7 @@ TEST_CASE("colmap: distorted cameras are undistorted, which is reported", "[colm
   CHECK(named("focal length, the smallest") == 1);
 }
 
-TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
+TEST_CASE("colmap: masked pixels are ignored", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   Image8 mask{64, 48, std::vector<std::uint8_t>(64 * 48 * 3, 255)};
@@ -253,7 +254,7 @@ TEST_CASE("colmap: masked pixels do not count", "[colmap]") {
   CHECK(half.mask[32 * 5] == 255);
 }
 
-TEST_CASE("colmap: a mask may have the name of its image with another extension", "[colmap]") {
+TEST_CASE("colmap: a mask may have the name of its image with a different extension", "[colmap]") {
   const TempFolder folder;
   put(folder / "sparse/0/cameras.txt", kCameras);
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a/im.jpg\n\n2 1 0 0 0 1 0 0 1 b/im.jpg\n\n");
@@ -271,10 +272,11 @@ TEST_CASE("colmap: a mask may have the name of its image with another extension"
   CHECK(masked()[0].empty());
   CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 0));
   REQUIRE(cv::imwrite((folder / "masks/b/im.jpg.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(255))));
-  CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 255));  // COLMAP's own name goes first
+  CHECK(masked()[1] == std::vector<std::uint8_t>(64 * 48, 255));  // COLMAP's own naming takes precedence
 }
 
-TEST_CASE("colmap: an image whose name leads out of the folder is not its own mask", "[colmap]") {
+TEST_CASE("colmap: an image with a name that leads out of the folder is not used as its own mask",
+          "[colmap]") {
   const TempFolder folder;
   put(folder / "sparse/0/cameras.txt", kCameras);
   put_image(folder / "images/im.png", 64, 48);
@@ -285,7 +287,7 @@ TEST_CASE("colmap: an image whose name leads out of the folder is not its own ma
   }
 }
 
-TEST_CASE("colmap: masks of full images fit reduced ones", "[colmap]") {
+TEST_CASE("colmap: masks of full images are applied to reduced images", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_2/im{}.png", i), 32, 24, i);
@@ -303,7 +305,7 @@ TEST_CASE("colmap: masks of full images fit reduced ones", "[colmap]") {
              Contains("the mask has 48x64 pixels"));
 }
 
-TEST_CASE("colmap: masks may have colours, and alpha that says something", "[colmap]") {
+TEST_CASE("colmap: masks may have colours and a meaningful alpha channel", "[colmap]") {
   const TempFolder folder;
   put_scene(folder);
   std::filesystem::create_directories(folder / "masks");
@@ -335,8 +337,8 @@ TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
   for (std::size_t i = 1; i < views.size(); ++i) CHECK(views[i].opaque);
 }
 
-// All views of an image are in one split, which image names decide as for other images, and names tell them
-// apart.
+// All views of an image are in the same split, which depends on the name of the image as for other images.
+// The views have different names.
 TEST_CASE("colmap: wide images become several views", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
@@ -359,8 +361,8 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
     }
   CHECK(names.size() == 60);
   CHECK(std::ranges::count(data.report.differences,
-                           "10 wide images became 60 pinhole views of at most 90 degrees") == 1);
-  // A fisheye has nothing in the corners of its last faces; the same pixels come from a cache folder.
+                           "10 wide images were split into 60 pinhole views of at most 90 degrees") == 1);
+  // A fisheye image does not cover the corners of its last faces. A cache folder returns the same pixels.
   put(folder / "sparse/0/cameras.txt", "1 FISHEYE 64 48 16 16 32 24\n");
   const TempFolder cache;
   DatasetOptions options;
@@ -381,13 +383,13 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
   CHECK(masked > 0);
 }
 
-// A mask that leaves nothing of a view takes the view away: its measures would be of no pixel.
-TEST_CASE("colmap: the mask of a wide image goes to its views", "[colmap]") {
+// If a mask excludes all pixels of a view, the view is dropped, because it could not be measured.
+TEST_CASE("colmap: the mask of a wide image is applied to its views", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   put(folder / "sparse/0/cameras.txt", "1 EQUIRECTANGULAR 64 48 64 48\n");
   cv::Mat mask(48, 64, CV_8U, cv::Scalar(255));
-  mask.rowRange(30, 48) = 0;  // from 22 degrees below the horizon: the tripod
+  mask.rowRange(30, 48) = 0;  // from 22 degrees below the horizon, where the tripod is
   std::filesystem::create_directories(folder / "masks");
   cv::imwrite((folder / "masks/im3.png").string(), mask);
   const Dataset data = load_dataset(folder.path());
@@ -427,7 +429,7 @@ TEST_CASE("colmap: every model of the binary files", "[colmap]") {
              Contains("model number 99") && Contains("16 EUCM, 17 EQUIRECTANGULAR"));
 }
 
-TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
+TEST_CASE("colmap: errors of damaged files contain the line or byte", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   const auto message = [&] { return message_of([&] { read_colmap_model(folder / "sparse/0"); }); };
@@ -439,7 +441,7 @@ TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 inf 1 a.png\n\n");
   CHECK(read_colmap_model(folder / "sparse/0").unplaced == std::vector<std::string>{"a.png"});
   put(folder / "sparse/0/images.txt", "1 0 0 0 0 0 0 0 1 a.png\n\n");
-  CHECK_THAT(message(), Contains("no quaternion"));
+  CHECK_THAT(message(), Contains("not a valid quaternion"));
   put(folder / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 9 a.png\n\n");
   CHECK_THAT(message(), Contains("camera 9 of image 'a.png' does not exist"));
   for (const char* bad : {"1e400", "x"}) {
@@ -461,7 +463,7 @@ TEST_CASE("colmap: damaged files are named with the line or byte", "[colmap]") {
   std::string huge;
   add<std::uint64_t>(huge, ~0ull);
   put(folder / "sparse/0/cameras.bin", huge);
-  CHECK_THAT(message(), Contains("cameras promised"));
+  CHECK_THAT(message(), Contains("cameras announced"));
   const std::string camera = binary_camera(1, {200, 200, 160, 120});
   put(folder / "sparse/0/cameras.bin", camera.substr(0, camera.size() - 1));
   CHECK_THAT(message(), Contains("truncated"));
@@ -493,7 +495,7 @@ TEST_CASE("colmap: real scenes", "[colmap][data]") {
     }
     CHECK_FALSE(data.find("train")->views[0].has_image());
 
-    // Points must lie in front of the cameras and inside the image far more often than not.
+    // Most points must be in front of the cameras and inside the image.
     std::size_t inside = 0, all = 0;
     const Camera& c = data.find("test")->views[1].camera;
     for (const auto& p : data.points->positions) {

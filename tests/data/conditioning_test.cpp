@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models between the two forms of conditioning: what the oracle makes of a splat at queries, before and
-// after.
+// Tests the conversion of models between the two forms of conditioning, by comparing splats at several
+// queries before and after, as the oracle computes them.
 #include "host/scene/conditioning.hpp"
 
 #include <algorithm>
@@ -43,7 +43,7 @@ Difference difference(const SplatModel& a, const SplatModel& b) {
     for (int view = 0; view < 3; ++view) {
       const Conditioned<double> x = seen(a, i, view), y = seen(b, i, view);
       const oracle::Matrix<double> v = oracle::symmetric(x.covariance), w = oracle::symmetric(y.covariance);
-      // Only splats whose covariance is definite have another form.
+      // Only splats with a definite covariance can be converted.
       const oracle::Matrix<double> factor = oracle::cholesky(v);
       if (!std::isfinite(factor(2, 2))) continue;
       const double square = v(0, 0) + v(1, 1) + v(2, 2);
@@ -58,7 +58,7 @@ Difference difference(const SplatModel& a, const SplatModel& b) {
   return d;
 }
 
-// Rounding of the parameters to float32.
+// The errors come from rounding the parameters to float32.
 void check_kept(const Difference& d) {
   CHECK(d.mean < 6.6e-7);        // worst observed 3.4e-7
   CHECK(d.covariance < 4.5e-7);  // worst observed 2.3e-7
@@ -67,7 +67,8 @@ void check_kept(const Difference& d) {
 const ModelVariant kGaussian{
     .beta_cond = BetaCond::off, .beta_opacity = BetaOpacity::gaussian, .kernel = SpatialKernel::gaussian};
 
-TEST_CASE("conditioning: Gaussian models go to the direct form and back as they are", "[conditioning]") {
+TEST_CASE("conditioning: Gaussian models are converted to the direct form and back without change",
+          "[conditioning]") {
   ModelVariant cholesky = kGaussian, weighted = kGaussian;
   cholesky.cov_param = CovParam::cholesky;  // 6DGS, 7DGS
   weighted.beta_cond = BetaCond::on;
@@ -92,7 +93,7 @@ TEST_CASE("conditioning: Gaussian models go to the direct form and back as they 
     }
 }
 
-TEST_CASE("conditioning: of Beta models the opacity alone changes, and by what is said", "[conditioning]") {
+TEST_CASE("conditioning: only the opacity of Beta models changes, by the reported amount", "[conditioning]") {
   for (const int dim : {4, 6, 7})
     for (const CovMode mode : {CovMode::upper, CovMode::whiten}) {
       INFO(dim << " " << static_cast<int>(mode));
@@ -103,7 +104,7 @@ TEST_CASE("conditioning: of Beta models the opacity alone changes, and by what i
       check_kept(d);
       CHECK((there.opacity_most > 1e-3) == (dim > 4));
       CHECK((d.opacity > 1e-3) == (dim > 4));
-      // Without correlations of query dimensions the residuals are the same.
+      // If query dimensions are not correlated, the residuals are the same.
       const ParameterLayout l = model.layout();
       for (int row = l.l_triangle + 3; row < l.count; ++row) std::ranges::fill(model.row(row), 0.0f);
       const Reconditioned same = to_direct(model);
@@ -112,14 +113,14 @@ TEST_CASE("conditioning: of Beta models the opacity alone changes, and by what i
     }
 }
 
-TEST_CASE("conditioning: the way back of a Beta model, where there is one", "[conditioning]") {
+TEST_CASE("conditioning: a Beta model is converted back if this is possible", "[conditioning]") {
   const ModelVariant direct{.conditioning = Conditioning::direct};
   SplatModel model = scene_model(6, direct);
   const ParameterLayout l = model.layout();
   for (int q = 3; q < 6; ++q)
     for (int c = 0; c < 3; ++c)
       for (float& theta : model.row(l.l_triangle + q * (q - 1) / 2 + c)) theta *= 0.1f;
-  for (int q = 0; q < l.query; ++q)  // weights near one another
+  for (int q = 0; q < l.query; ++q)  // similar weights
     for (float& b : model.row(l.query_beta + q)) b = -0.2f + 0.02f * b;
   const Difference d = difference(model, to_covariance(model).model);
   CHECK(d.compared == 180);
@@ -130,13 +131,13 @@ TEST_CASE("conditioning: the way back of a Beta model, where there is one", "[co
   for (int row = l.l_triangle + 3; row < l.count; ++row)
     for (float& entry : model.row(row)) entry *= 30;
   CHECK_THROWS_WITH(to_covariance(model), Catch::Contains("cannot be represented by a covariance"));
-  model.variant = {};  // the same numbers as a covariance
+  model.variant = {};  // the same numbers, interpreted as a covariance
   const Reconditioned indefinite = to_direct(model);
   CHECK(indefinite.indefinite > 0);
   CHECK(std::ranges::all_of(indefinite.model.values, [](float x) { return std::isfinite(x); }));
 }
 
-TEST_CASE("conditioning: what has no other form is refused", "[conditioning]") {
+TEST_CASE("conditioning: models that cannot be converted are rejected", "[conditioning]") {
   CHECK_THROWS_WITH(to_covariance(scene_model(6, {})), Catch::Contains("does not have direct conditioning"));
   CHECK_THROWS_WITH(to_direct(scene_model(6, {.conditioning = Conditioning::direct})),
                     Catch::Contains("already"));

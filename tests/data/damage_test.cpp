@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image files that are cut off or damaged are errors, never pictures with some pixels wrong
-// (host/data/jpeg.hpp for JPEG; the libraries behind OpenCV see it in the other formats), and sound ones of
-// every kind have the pixels that OpenCV gives.
+// Tests that truncated or damaged image files give errors, and never images with some wrong pixels.
+// host/data/jpeg.hpp detects this for JPEG, and the libraries that OpenCV uses detect it for the other
+// formats. Intact files of every kind must have the same pixels as with OpenCV.
 #include <turbojpeg.h>
 
 #include <opencv2/imgcodecs.hpp>
@@ -101,25 +101,26 @@ std::string load_message(const std::filesystem::path& path, const std::string& b
 
 }  // namespace
 
-TEST_CASE("damage: sound JPEG files have the pixels of OpenCV", "[damage]") {
+TEST_CASE("damage: intact JPEG files have the same pixels as with OpenCV", "[damage]") {
   TempFolder folder;
   for (const Sample& sample : jpegs()) {
     INFO(sample.name);
-    put(folder / sample.name, sample.file + "bytes behind the end mark are not of the picture");
+    put(folder / sample.name, sample.file + "bytes after the end marker do not belong to the image");
     check_pixels_of_opencv(load_image(folder / sample.name), sample.file);
   }
 }
 
-TEST_CASE("damage: JPEG of four components is decoded where it is whole", "[damage]") {
+TEST_CASE("damage: JPEG with four components is decoded if it is intact", "[damage]") {
   TempFolder folder;
   const std::string file = turbo_jpeg(24, 24, TJPF_CMYK, TJSAMP_444);
   put(folder / "cmyk.jpg", file);
   CHECK(load_image(folder / "cmyk.jpg").width == 24);
   CHECK_THAT(load_message(folder / "cmyk.jpg", file.substr(0, 2 * file.size() / 3)),
-             Contains("cut off JPEG"));
+             Contains("truncated JPEG"));
 }
 
-// The four blocks of luma beside each other become four below each other, for which TurboJPEG has no name.
+// The four horizontally adjacent blocks of luma become four vertically adjacent ones, for which TurboJPEG has
+// no constant.
 TEST_CASE("damage: JPEG with a rare subsampling is decoded", "[damage]") {
   TempFolder folder;
   std::string file = turbo_jpeg(32, 8, TJPF_RGB, TJSAMP_411);
@@ -133,7 +134,7 @@ TEST_CASE("damage: JPEG with a rare subsampling is decoded", "[damage]") {
   CHECK(image.width == 8);
   CHECK(image.height == 32);
   check_pixels_of_opencv(image, file);
-  CHECK_THAT(load_message(folder / "rare.jpg", file.substr(0, file.size() - 6)), Contains("cut off JPEG"));
+  CHECK_THAT(load_message(folder / "rare.jpg", file.substr(0, file.size() - 6)), Contains("truncated JPEG"));
 }
 
 TEST_CASE("damage: a JPEG without an image, with 12 bits or of an unknown version is an error", "[damage]") {
@@ -143,16 +144,16 @@ TEST_CASE("damage: a JPEG without an image, with 12 bits or of an unknown versio
   const auto refused = [](const std::string& bytes) {
     return message_of([&] { decode_jpeg(std::as_bytes(std::span(bytes)), "f.jpg"); });
   };
-  CHECK_THAT(refused(file.substr(0, frame)), Contains("f.jpg: damaged or cut off JPEG: it holds no image"));
+  CHECK_THAT(refused(file.substr(0, frame)), Contains("f.jpg: damaged or truncated JPEG: it holds no image"));
   std::string deep = file;
   deep[frame + 4] = 12;
-  CHECK_THAT(refused(deep), Contains("f.jpg: damaged or cut off JPEG: ") && Contains("12"));
+  CHECK_THAT(refused(deep), Contains("f.jpg: damaged or truncated JPEG: ") && Contains("12"));
   std::string version = file;
   version[file.find("JFIF") + 5] = 2;
-  CHECK_THAT(refused(version), Contains("f.jpg: damaged or cut off JPEG: ") && Contains("JFIF"));
+  CHECK_THAT(refused(version), Contains("f.jpg: damaged or truncated JPEG: ") && Contains("JFIF"));
 }
 
-TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
+TEST_CASE("damage: an image that is truncated anywhere is an error", "[damage]") {
   TempFolder folder;
   std::vector<Sample> samples = jpegs();
   for (Sample& sample : others()) samples.push_back(std::move(sample));
@@ -168,9 +169,9 @@ TEST_CASE("damage: an image that is cut off anywhere is an error", "[damage]") {
   }
 }
 
-// A flipped bit often gives another valid code, which nothing can tell, and so do zeros in the last scans of
-// a progressive file, which refine bits; what TurboJPEG does notice is an error. In the other files a hole
-// always shows.
+// A flipped bit often gives another valid code, which cannot be detected. The same is true of zeros in the
+// last scans of a progressive file, which refine bits. Everything that TurboJPEG detects must be an error. In
+// the other files, a hole is always detected.
 TEST_CASE("damage: a JPEG with a hole is an error", "[damage]") {
   TempFolder folder;
   for (const Sample& sample : jpegs()) {
@@ -182,33 +183,34 @@ TEST_CASE("damage: a JPEG with a hole is an error", "[damage]") {
       std::string damaged = sample.file;
       damaged.replace(at, kHole, kHole, '\0');
       INFO(sample.name << ": zeros from byte " << at);
-      CHECK_THAT(load_message(folder / sample.name, damaged), Contains("damaged or cut off JPEG"));
+      CHECK_THAT(load_message(folder / sample.name, damaged), Contains("damaged or truncated JPEG"));
       ++found;
     }
     CHECK(found > 5);
   }
 }
 
-TEST_CASE("damage: a JPEG that promises more pixels than it can hold is refused before memory is taken",
-          "[damage]") {
+TEST_CASE(
+    "damage: a JPEG that announces more pixels than it can contain is rejected before memory is allocated",
+    "[damage]") {
   std::string file = encoded(".jpg", photograph(CV_8UC3), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
   const std::size_t frame = file.find("\xff\xc2");
   REQUIRE(frame != std::string::npos);
   for (const std::size_t at : {frame + 5, frame + 7}) file[at] = '\xff', file[at + 1] = '\xdc';
   CHECK_THAT(message_of([&] { decode_jpeg(std::as_bytes(std::span(file)), "huge.jpg"); }),
-             Contains("huge.jpg: damaged or cut off JPEG: 65500 x 65500 pixels in"));
+             Contains("huge.jpg: damaged or truncated JPEG: 65500 x 65500 pixels in"));
   for (const std::size_t at : {frame + 5, frame + 7}) file[at] = '\x81', file[at + 1] = '\0';
   file.resize(1'200'000);
   CHECK_THAT(message_of([&] { decode_jpeg(std::as_bytes(std::span(file)), "huge.jpg"); }),
-             Contains("huge.jpg: 33024 x 33024 pixels; images have at most"));
+             Contains("huge.jpg: 33024 x 33024 pixels are too many: images can have at most"));
 }
 
-TEST_CASE("damage: a data set with a JPEG that is cut off does not open", "[damage]") {
+TEST_CASE("damage: a data set with a truncated JPEG cannot be opened", "[damage]") {
   TempFolder folder;
   const std::string file = encoded(".jpg", photograph(CV_8UC3));
   put(folder / "train/a.jpg", file.substr(0, file.size() * 4 / 5));
   put(folder / "transforms_train.json",
       R"({"camera_angle_x": 0.9, "frames": [{"file_path": "train/a.jpg",
           "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]})");
-  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("a.jpg: damaged or cut off JPEG"));
+  CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("a.jpg: damaged or truncated JPEG"));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exceptions of other libraries as errors of ours, with the exit code that the user is told.
+// Tests that exceptions of other libraries are converted to ubs::Error with the documented exit code.
 #include "host/base/error.hpp"
 
 #include <catch2/catch.hpp>

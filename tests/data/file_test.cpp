@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole-file reading and atomic writing (host/base/file.hpp), and the parallel loop.
+// Tests reading whole files, atomic writing (host/base/file.hpp), and the parallel loop.
 #include "host/base/file.hpp"
 
 #include <fcntl.h>
@@ -16,7 +16,7 @@ using namespace ubs::test;
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("file: what is written is read back, and no temporary stays", "[file]") {
+TEST_CASE("file: written content is read back, and no temporary file remains", "[file]") {
   TempFolder folder;
   const std::string text("a\0b\n\xff", 5);
   write_file_atomically(folder / "x", text);
@@ -27,7 +27,7 @@ TEST_CASE("file: what is written is read back, and no temporary stays", "[file]"
   CHECK(file_count(folder.path()) == 1);
 }
 
-TEST_CASE("file: an abandoned write leaves the old content", "[file]") {
+TEST_CASE("file: an abandoned write keeps the old content", "[file]") {
   TempFolder folder;
   write_file_atomically(folder / "x", "old");
   {
@@ -38,7 +38,8 @@ TEST_CASE("file: an abandoned write leaves the old content", "[file]") {
   CHECK(file_count(folder.path()) == 1);
 }
 
-TEST_CASE("file: pieces of all sizes arrive, and what an encoder wrote by name", "[file]") {
+TEST_CASE("file: chunks of all sizes are written, and files that an encoder writes by name are accepted",
+          "[file]") {
   TempFolder folder;
   std::string expected;
   AtomicFile file(folder / "x");
@@ -76,9 +77,10 @@ TEST_CASE("file: links, folders and devices are never replaced", "[file]") {
   CHECK(fs::is_symlink(folder / "dangling"));
 }
 
-// Every process that begins in a folder searches it: a file that another one has just opened must not be
-// taken. Without a second look at the file that was just locked one write of 700 failed.
-TEST_CASE("file: a search for abandoned files takes none that is being written", "[file]") {
+// Every process that starts in a folder searches it for abandoned files, and must not delete a file that
+// another process has just opened. Without checking the file again after locking it, one of 700 writes
+// failed.
+TEST_CASE("file: a search for abandoned files deletes none that is being written", "[file]") {
   const TempFolder folder;
   std::atomic<bool> done{false};
   std::thread searching([&] {
@@ -92,7 +94,7 @@ TEST_CASE("file: a search for abandoned files takes none that is being written",
   CHECK(failed == 0);
 }
 
-TEST_CASE("file: temporary files are removed if nobody holds them", "[file]") {
+TEST_CASE("file: temporary files are removed if no process has locked them", "[file]") {
   const TempFolder folder;
   put(folder / ".ubs-tmp-1-0", "left by a killed process");
   put(folder / ".ubs-tmp-1-1", "in work");
@@ -109,18 +111,18 @@ TEST_CASE("file: temporary files are removed if nobody holds them", "[file]") {
   ::close(held);
 }
 
-TEST_CASE("file: errors name the path", "[file]") {
+TEST_CASE("file: errors contain the path", "[file]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { read_file(folder / "none"); }), Contains("none: no such file"));
-  std::filesystem::create_symlink("loop", folder / "loop");  // something is there
-  CHECK_THAT(message_of([&] { read_file(folder / "loop"); }), Contains("loop: cannot be looked at: "));
+  std::filesystem::create_symlink("loop", folder / "loop");  // it exists
+  CHECK_THAT(message_of([&] { read_file(folder / "loop"); }), Contains("loop: cannot be accessed: "));
   CHECK_THAT(message_of([&] { read_file(folder.path()); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder.path(), "x"); }), Contains("is a folder"));
   CHECK_THAT(message_of([&] { write_file_atomically(folder / "no/such/x", "x"); }),
              Contains("no/such/x: cannot write"));
 }
 
-TEST_CASE("parallel_for: every item once, the first failure wins", "[file]") {
+TEST_CASE("parallel_for: every item is processed once, and the first failure is reported", "[file]") {
   std::vector<int> hits(1000, 0);
   parallel_for(hits.size(), [&](std::size_t i) { ++hits[i]; });
   CHECK(std::all_of(hits.begin(), hits.end(), [](int h) { return h == 1; }));

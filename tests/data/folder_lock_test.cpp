@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may write into a folder of results (host/base/folder_lock.hpp).
+// Tests the lock of an output folder (host/base/folder_lock.hpp).
 #include "host/base/folder_lock.hpp"
 
 #include <unistd.h>
@@ -12,14 +12,14 @@ using namespace ubs::test;
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("folder lock: one holder at a time, and the second is told who", "[made]") {
+TEST_CASE("folder lock: one process at a time, and the error of the second names the first", "[made]") {
   const TempFolder folder;
   {
     const FolderLock lock(folder / "new/run");
     CHECK_THAT(message_of([&] { FolderLock(folder / "new/run"); }, ErrorKind::usage),
                Contains(fmt::format("process {} on ", ::getpid())) && Contains("is writing to this folder"));
   }
-  CHECK_FALSE(fs::exists(folder / "new"));  // nothing came into it
+  CHECK_FALSE(fs::exists(folder / "new"));  // nothing was written to it
   {
     const FolderLock lock(folder / "kept/made/run/");
     put(folder / "kept/note", "x");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Models of Gaussians and harmonics: from splats of other tools and back without loss, from every rotation of
-// ours, and the reduction that keeps harmonics.
+// Tests models of Gaussians and spherical harmonics: lossless conversion from third-party splats and back,
+// conversion from every form of rotation, and the reduction that keeps harmonics.
 #include "host/data/gaussian_model.hpp"
 
 #include "host/data/ply.hpp"
@@ -43,7 +43,7 @@ SplatModel random_model(const ModelVariant& variant) {
 
 }  // namespace
 
-TEST_CASE("gaussian model: splats of other tools come back as they were", "[gaussian]") {
+TEST_CASE("gaussian model: third-party splats are restored without change", "[gaussian]") {
   TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     const ImportedSplats splats = random_splats(200, degree);
@@ -86,7 +86,8 @@ TEST_CASE("gaussian model: every rotation and factor becomes axes and a quaterni
   }
 }
 
-TEST_CASE("gaussian model: DBS splats keep their kernel, antialiased ones their compensation", "[gaussian]") {
+TEST_CASE("gaussian model: DBS splats keep their kernel, and antialiased splats their compensation",
+          "[gaussian]") {
   ImportedSplats dbs = random_splats(3, 0);
   dbs.kernel = SpatialKernel::beta;
   dbs.betas = {0.1f, -0.2f, 0.3f};
@@ -115,7 +116,7 @@ TEST_CASE("gaussian model: DBS splats keep their kernel, antialiased ones their 
   CHECK(to_imported_splats(exact_model(filtered)).antialiased);
 }
 
-TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, refuses forms it does not know",
+TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, and rejects unsupported forms",
           "[gaussian]") {
   SplatModel model(6, 20, {.kernel = SpatialKernel::gaussian, .colour = ColourMode::sh2});
   const ParameterLayout l = model.layout();
@@ -127,7 +128,7 @@ TEST_CASE("gaussian model: reduction keeps harmonics and Gaussian sizes, refuses
   const ImportedSplats out = reduce_splats(model);
   REQUIRE(out.count() == 20);
   CHECK(out.sh_degree == 2);
-  CHECK(out.sh[2] == 2);  // constant terms first, then red's others
+  CHECK(out.sh[2] == 2);  // constant terms first, then the others of red
   CHECK(out.sh[3] == 3);
   CHECK(out.sh[4] == 3 + 8);
   CHECK(std::exp(out.log_scales[0][0]) == Approx(softplus_of(-1)).epsilon(1e-5));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bounded pool of images: same pixels whatever budget and threads, budget kept, errors delivered.
+// Tests the bounded pool of images: pixels do not depend on the budget and the threads, the budget is
+// respected, and errors are reported.
 #include "host/scene/image_pool.hpp"
 
 #include <sys/resource.h>
@@ -37,7 +38,7 @@ class CountedSource : public ImageSource {
 
 }  // namespace
 
-TEST_CASE("pool: any order, any budget, the same images", "[pool]") {
+TEST_CASE("pool: images do not depend on the order and the budget", "[pool]") {
   for (const std::size_t budget : {1u, 700u, 100000u})
     for (const unsigned threads : {1u, 4u}) {
       ImagePool pool(budget, threads);
@@ -47,13 +48,13 @@ TEST_CASE("pool: any order, any budget, the same images", "[pool]") {
         const auto image = pool.get(draw * 7 % 20);
         REQUIRE(image->rgb[0] == draw * 7 % 20);
       }
-      // One image more than the budget: the one just asked for, and one per decoding thread.
+      // The budget may be exceeded by the image that was just requested, and by one per decoding thread.
       CHECK(pool.peak_bytes() <= std::max<std::size_t>(budget, 300) + 300 * (threads + 2));
       if (budget == 100000) CHECK(pool.decoded() == 20);
     }
 }
 
-TEST_CASE("pool: an image is decoded once while it stays", "[pool]") {
+TEST_CASE("pool: an image in the pool is decoded only once", "[pool]") {
   ImagePool pool(1000);
   const auto source = std::make_shared<CountedSource>(5);
   pool.add(source);
@@ -64,14 +65,14 @@ TEST_CASE("pool: an image is decoded once while it stays", "[pool]") {
   CHECK(source->loads == 1);
 }
 
-TEST_CASE("pool: errors reach whoever asks, every time", "[pool]") {
+TEST_CASE("pool: every request for a broken image throws its error", "[pool]") {
   ImagePool pool(1000);
   pool.add(std::make_shared<CountedSource>(-3));
   pool.prefetch(0);
   for (int i = 0; i < 3; ++i) CHECK_THAT(message_of([&] { pool.get(0); }), Contains("image -3 is damaged"));
 }
 
-TEST_CASE("pool: threads that want the same few images, with room for one, all get them", "[pool]") {
+TEST_CASE("pool: several threads get the same few images, although the pool holds only one", "[pool]") {
   ImagePool pool(1, 4);
   for (int i = 0; i < 3; ++i) pool.add(std::make_shared<CountedSource>(i, 1000));
   std::atomic<int> wrong{0};
@@ -93,15 +94,15 @@ TEST_CASE("pool: threads that want the same few images, with room for one, all g
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they need the address space
-TEST_CASE("pool: a thread that cannot be started is an error, not a wait without end", "[pool]") {
+TEST_CASE("pool: a thread that cannot be started is an error, not an endless wait", "[pool]") {
   const pid_t child = fork();
   REQUIRE(child >= 0);
   if (child == 0) {
-    alarm(20);  // ends a constructor that waits for its first threads
+    alarm(20);  // terminates a constructor that waits for its first threads
     const rlimit limit{rlim_t{1} << 30, rlim_t{1} << 30};
     setrlimit(RLIMIT_AS, &limit);
     try {
-      const ImagePool pool(1000, 1000);  // more stacks than the limit has room for
+      const ImagePool pool(1000, 1000);  // more stacks than the limit allows
     } catch (const std::exception&) {
       _exit(0);
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images: the compositing and truncation rule of method.md 4.5, 16-bit input, Pillow's resizing, PNG
-// output, refusals.
+// Tests images: the compositing and truncation rule of method.md 4.5, 16-bit input, Pillow's resizing, PNG
+// output, and errors.
 #include "host/data/image.hpp"
 
 #include <cmath>
@@ -18,7 +18,7 @@ using Catch::Contains;
 
 namespace {
 
-// Deterministic content without symmetry; the Python line that made the reference uses the same formula.
+// Deterministic content without symmetry. The Python code that created the reference uses the same formula.
 Image8 pattern(int width, int height) {
   Image8 image{width, height, {}};
   for (int y = 0; y < height; ++y)
@@ -54,13 +54,13 @@ TEST_CASE("image: every pair of value and alpha is composited and truncated", "[
       wrong += image.rgb[3 * i + c] != static_cast<int>(std::floor(mixed * 255.0));
     }
   CHECK(wrong == 0);
-  // By hand: 200/255 * 128/255 * 255 = 100.39 -> 100; 255 * 100/255 white under it: 100.39 + 127 -> 227.
+  // Computed by hand: 200/255 * 128/255 * 255 = 100.39 -> 100. In front of white: 100.39 + 127 -> 227.
   save_png_rgba(folder / "b.png", std::vector<std::uint8_t>{200, 200, 200, 128}, 1, 1);
   CHECK(load_image(folder / "b.png").rgb == std::vector<std::uint8_t>{100, 100, 100});
   CHECK(load_image(folder / "b.png", {1, 1, 1}).rgb == std::vector<std::uint8_t>{227, 227, 227});
 }
 
-TEST_CASE("image: RGB and grey come as they are, in RGB order", "[image]") {
+TEST_CASE("image: RGB and grey values are unchanged and in RGB order", "[image]") {
   TempFolder folder;
   const Image8 image = pattern(7, 5);
   save_png(folder / "a.png", image);
@@ -82,7 +82,7 @@ TEST_CASE("image: 16-bit input", "[image]") {
   CHECK(load_image(folder / "rgba.png").rgb == std::vector<std::uint8_t>{63, 127, 127});
 }
 
-TEST_CASE("image: resizing gives the bytes of Pillow", "[image]") {
+TEST_CASE("image: resizing gives the same bytes as Pillow", "[image]") {
   // FNV-1a of np.asarray(Image.fromarray(pattern).resize((W, H))), Pillow 13.0.
   struct Case {
     int w, h, out_w, out_h;
@@ -98,7 +98,7 @@ TEST_CASE("image: resizing gives the bytes of Pillow", "[image]") {
   }
 }
 
-TEST_CASE("image: sizes, reduced ones rounded to nearest", "[image]") {
+TEST_CASE("image: reduced sizes are rounded to the nearest integer", "[image]") {
   TempFolder folder;
   save_png(folder / "a.png", pattern(13, 9));
   CHECK(downscaled(13, 2) == 7);
@@ -122,7 +122,7 @@ TEST_CASE("image: float output is clamped, rounded and checked", "[image]") {
              Contains("2x1"));
 }
 
-TEST_CASE("image: refusals name the path", "[image]") {
+TEST_CASE("image: errors contain the path", "[image]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_image(folder / "none.png"); }), Contains("none.png: no such file"));
   put(folder / "empty.png", "");
@@ -136,12 +136,12 @@ TEST_CASE("image: refusals name the path", "[image]") {
     noise.rgb.push_back(static_cast<std::uint8_t>(random.bits(i, 0)));
   save_png(folder / "cut.png", noise);
   put(folder / "cut.png", get(folder / "cut.png").substr(0, 6000));
-  CHECK_THAT(message_of([&] { load_image(folder / "cut.png"); }), Contains("cut.png: damaged or cut off"));
+  CHECK_THAT(message_of([&] { load_image(folder / "cut.png"); }), Contains("cut.png: damaged or truncated"));
   cv::imwrite((folder / "float.tiff").string(), cv::Mat(1, 1, CV_32FC3, cv::Scalar(1, 1, 1)));
   CHECK_THAT(message_of([&] { load_image(folder / "float.tiff"); }), Contains("8- and 16-bit"));
 }
 
-TEST_CASE("image: files of three channels are opaque in every format", "[image]") {
+TEST_CASE("image: files with three channels are opaque in every format", "[image]") {
   TempFolder folder;
   for (const char* name : {"a.tiff", "a.bmp"}) {
     cv::imwrite((folder / name).string(), cv::Mat(2, 3, CV_8UC3, cv::Scalar(1, 2, 3)));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Philox against the published answers, and every row of the initial model (method.md 1.3).
+// Compares Philox with the published results, and tests every row of the initial model (method.md 1.3).
 #include "host/scene/initialise.hpp"
 
 #include <algorithm>
@@ -39,7 +39,7 @@ double softplus(double x) { return std::log1p(std::exp(x)); }
 
 }  // namespace
 
-TEST_CASE("philox: known answers of the Random123 distribution", "[initialise]") {
+TEST_CASE("philox: known results of the Random123 distribution", "[initialise]") {
   CHECK(philox4x32_10({0, 0, 0, 0}, {0, 0}) == PhiloxCounter{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8});
   const std::uint32_t f = 0xffffffff;
   CHECK(philox4x32_10({f, f, f, f}, {f, f}) == PhiloxCounter{0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd});
@@ -76,7 +76,7 @@ TEST_CASE("initialise: neighbour distances against brute force", "[initialise]")
   std::vector<std::array<float, 3>> points(300);
   for (std::size_t i = 0; i < points.size(); ++i)
     for (std::uint32_t k = 0; k < 3; ++k) points[i][k] = static_cast<float>(random.uniform(i, k));
-  points[17] = points[18] = points[19] = points[20] = points[21] = points[22];  // six in one place
+  points[17] = points[18] = points[19] = points[20] = points[21] = points[22];  // six points at one position
   const auto fast = neighbour_distances(points);
   for (std::size_t i = 0; i < points.size(); ++i) {
     std::vector<double> squared;
@@ -118,7 +118,8 @@ TEST_CASE("initialise: every group of the random model", "[initialise]") {
     CHECK(all_equal(model.row(l.rgb + axis), 127.0f / 255.0f));
     CHECK(std::ranges::equal(model.row(l.scale + axis), model.row(l.scale)));
   }
-  // Mean distance to the 2nd or 3rd neighbour of n uniform points, about 0.6 n^(-1/3) box sides of 2.6.
+  // The mean distance to the second or third neighbour of n uniform points is about 0.6 n^(-1/3) times the
+  // side of the box, 2.6.
   CHECK(softplus(moments(model.row(l.scale)).mean) == Approx(0.65 * 2.6 / std::cbrt(n)).epsilon(0.2));
   CHECK(all_equal(model.row(l.opacity), 0.0f));
   CHECK(all_equal(model.row(l.beta), 0.0f));
@@ -147,7 +148,7 @@ TEST_CASE("initialise: reproducible, seeded, with options", "[initialise]") {
                    c = initialise_random(6, 500, 2);
   CHECK(a.values == b.values);
   CHECK(a.row(0)[0] != c.row(0)[0]);
-  // Random access: the first points do not depend on how many follow.
+  // Numbers are accessed by index, so the first points do not depend on the number of points.
   CHECK(initialise_random(6, 100, 1).row(0)[99] == a.row(0)[99]);
   InitOptions options;
   options.box = 0.5;
@@ -171,7 +172,7 @@ TEST_CASE("initialise: from points", "[initialise]") {
   CHECK(softplus(model.row(model.layout().scale)[0]) == Approx(std::sqrt((1 + 4 + 9) / 3.0)));
 }
 
-TEST_CASE("initialise: refusals", "[initialise]") {
+TEST_CASE("initialise: errors", "[initialise]") {
   const std::vector<std::array<float, 3>> bad{{0, std::numeric_limits<float>::quiet_NaN(), 0}};
   const std::vector<std::array<std::uint8_t, 3>> grey{{127, 127, 127}};
   CHECK_THAT(message_of([&] { initialise_from_points(6, bad, grey, 0); }),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GLB and SOG files of `ubs convert`, read here from their published layouts alone, and SOG files written here,
-read by ubs: interchange_test.py UBS. Exits with 77 without numpy or Pillow."""
+"""Tests GLB and SOG files of `ubs convert`, which are read here according to their published layouts only, and SOG
+files that are written here and read by ubs: interchange_test.py UBS. Exits with 77 without numpy or Pillow."""
 
 import json
 import shutil
@@ -93,11 +93,11 @@ def check_glb(path, table):
     assert np.abs(opacity - 1 / (1 + np.exp(-table[:, 51]))).max() < 1e-6
     names = [f"KHR_gaussian_splatting:SH_DEGREE_{d}_COEF_{k}" for d in range(4) for k in range(2 * d + 1)]
     sh = np.stack([get(n, 3) for n in names], 1)
-    # From the same place of the scene, in the axes of each file, one sees the same colours.
+    # From the same position in the scene, expressed in the axes of each file, the colours are the same.
     seen = table[:, :3] - [1, 2, 3]
     seen /= np.linalg.norm(seen, axis=1, keepdims=True)
     assert np.abs(colour(sh, seen @ turn) - colour(sh_of(table), seen)).max() < 1e-5
-    if shutil.which("assimp"):  # a reader of others: points, where splats are not known
+    if shutil.which("assimp"):  # other readers show points if they do not support splats
         said = subprocess.run(["assimp", "info", str(path)], capture_output=True, text=True).stdout
         assert f"Vertices:           {COUNT}" in said, said
 
@@ -153,7 +153,7 @@ def check_sog(path, table):
     assert (1 - np.abs((a * b).sum(1))).max() < 1e-4
 
 
-# Written by Pillow and zipfile, deflated, in other sizes and under other names than ours.
+# Written by Pillow and zipfile with deflate, and with other sizes and names than those of ubs.
 def write_sog(path, table):
     n, width = len(table), 64
     height = (n + width - 1) // width + 1

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading JSON: linear in the text, with limits on depth, size and memory.
+// Tests reading JSON: the time is linear in the length of the text, and depth, size and memory are limited.
 #include "host/base/json.hpp"
 
 #include <algorithm>
@@ -32,18 +32,18 @@ TEST_CASE("json: every kind of value, in the order of the text", "[json]") {
   CHECK(json["b"][1].is_number_integer());
   CHECK(json["b"][2].is_number_float());
   CHECK(parse_json("5", "a.json") == 5);
-  // Of members with the same name the last value counts, in the place of the first.
+  // If several members have the same name, the last value is used, at the position of the first.
   CHECK(parse_json(R"({"a":1,"b":2,"a":{"c":3}})", "a.json").dump() == R"({"a":{"c":3},"b":2})");
 }
 
-TEST_CASE("json: strings of our files are decoded, names too", "[json]") {
+TEST_CASE("json: strings and names that ubs has written are decoded", "[json]") {
   const std::string path("a\xff\nb", 4);
   const Json json = Json::object({{path, Json::array({path})}});
   CHECK(parse_own_json(json_text(json), "a.json") == json);
   CHECK(parse_json(json_text(json), "a.json").begin().key() == encode_text(path));
 }
 
-TEST_CASE("json: errors name the file and the position", "[json]") {
+TEST_CASE("json: errors contain the file and the position", "[json]") {
   const auto error = [](const std::string& text) {
     return message_of([&] { parse_json(text, "dir/a.json"); });
   };
@@ -62,11 +62,12 @@ TEST_CASE("json: nested 100 deep is read, deeper is not", "[json]") {
   CHECK(nested("[", "]", 100).is_array());
   CHECK(nested("{\"a\":", "}", 100).is_object());
   for (const std::size_t depth : {101u, 1000000u})
-    CHECK_THAT(message_of([&] { nested("[", "]", depth); }), Contains("a.json: JSON nested deeper than 100"));
+    CHECK_THAT(message_of([&] { nested("[", "]", depth); }),
+               Contains("a.json: the JSON is nested deeper than 100"));
   CHECK_THAT(message_of([&] { nested("{\"a\":", "}", 101); }), Contains("nested deeper than 100"));
 }
 
-// Each of these took hours when the time grew with the square of the text.
+// Each of these took hours when the time was quadratic in the length of the text.
 TEST_CASE("json: a million of anything is read", "[json]") {
   constexpr std::size_t kMany = 1'000'000;
   CHECK(parse_json("{\"x\":[" + repeated("{},", kMany) + "{}]}", "a.json")["x"].size() == kMany + 1);
@@ -95,13 +96,13 @@ TEST_CASE("json: no source parses without the limits", "[json]") {
   CHECK(files > 300);
 }
 
-TEST_CASE("json: what could take more memory than there is, is refused with the numbers", "[json]") {
+TEST_CASE("json: a file that may need more memory than available is rejected with the numbers", "[json]") {
   CHECK_NOTHROW(require_memory(1 << 20, "x"));
   CHECK_THAT(
       message_of([&] { require_memory(std::uint64_t{1} << 60, "a.sog: 5 splats"); }, ErrorKind::memory),
       Contains("a.sog: 5 splats needs 1099511627776 MiB of memory, ") && Contains(" are available"));
   CHECK_THAT(message_of([&] { parse_json(std::string((512u << 20) + 1, ' '), "a.json"); }),
-             Contains("a.json: JSON of 536870913 bytes: at most 536870912 are read"));
+             Contains("a.json: the JSON has 536870913 bytes, but at most 536870912 are supported"));
 }
 
 TEST_CASE("messages quote the start and the end of long values", "[json]") {
@@ -115,7 +116,7 @@ TEST_CASE("messages quote the start and the end of long values", "[json]") {
   CHECK(as_error(error).kind() == ErrorKind::data);
   CHECK(shortened("short") == "short");
   std::string wide;
-  for (int i = 0; i < 5000; ++i) wide += "\xe2\x82\xac";  // whole characters stay whole
+  for (int i = 0; i < 5000; ++i) wide += "\xe2\x82\xac";  // characters are not split
   const std::string cut = shortened(wide);
   for (std::size_t at = 0; at < cut.size(); at += utf8_length(cut, at)) REQUIRE(utf8_length(cut, at) > 0);
 }

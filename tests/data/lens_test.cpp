@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Camera models against pycolmap, OpenCV and themselves, and the undistorted image against the ideal one.
+// Compares camera models with pycolmap, OpenCV and their own inverse, and undistorted images with ideal ones.
 #include <algorithm>
 #include <cstdlib>
 #include <opencv2/calib3d.hpp>
@@ -37,7 +37,7 @@ const Lens& opencv_fisheye() {
   return lens;
 }
 
-// One of each formula.
+// Returns a lens of each formula.
 std::vector<Lens> some_lenses() {
   return {full_opencv(),
           lens_of("SIMPLE_RADIAL", {210, 161, 118, 0.08}),
@@ -51,7 +51,7 @@ std::vector<Lens> some_lenses() {
           lens_of("EUCM", {210, 205, 161, 118, 0.6, 1.1})};
 }
 
-// The angle between two rays of any length.
+// Returns the angle between two rays of any length.
 double angle_between(const Ray& a, const Ray& b) {
   const Ray cross{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
   return std::atan2(std::hypot(cross[0], cross[1], cross[2]), a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);
@@ -59,9 +59,9 @@ double angle_between(const Ray& a, const Ray& b) {
 
 }  // namespace
 
-// lens_values.txt was made with pycolmap by lens_values.py, which also runs this test with 1000 points of
-// each. COLMAP's numbers and orders of parameters are tested too: colmap_model() gives the row for the
-// table's name.
+// lens_values.txt was created with pycolmap by lens_values.py, which also runs this test with 1000 points of
+// each model. The test also covers COLMAP's numbers and orders of parameters, because colmap_model() returns
+// the row for the name in the table.
 TEST_CASE("lens: every camera model agrees with pycolmap", "[lens]") {
   const char* own = std::getenv("UBS_LENS_VALUES");
   std::ifstream in(own ? own : UBS_SOURCE_DIR "/tests/data/lens_values.txt");
@@ -95,7 +95,7 @@ TEST_CASE("lens: every camera model agrees with pycolmap", "[lens]") {
       REQUIRE(back);
       const double pixel_error = std::hypot((*p)[0] - column, (*p)[1] - row);
       const double angle_error = angle_between(*back, ray);
-      // Worst of 1000 points of each model: 4.1e-13 px, 1.1e-13 rad (AMD EPYC).
+      // Largest errors of 1000 points of each model: 4.1e-13 px, 1.1e-13 rad (AMD EPYC).
       CHECK(pixel_error < 8e-13);
       CHECK(angle_error < 2e-13);
       worst_pixel = std::max(worst_pixel, pixel_error), worst_angle = std::max(worst_angle, angle_error);
@@ -110,8 +110,9 @@ TEST_CASE("lens: every camera model agrees with pycolmap", "[lens]") {
     CHECK(lens_models()[i].number == static_cast<int>(i));
 }
 
-// pycolmap does not project rays behind the camera with fisheye models; the angle of the formulas goes on.
-TEST_CASE("lens: fisheyes see behind the camera", "[lens]") {
+// pycolmap does not project rays behind the camera with fisheye models, but the formulas are also valid
+// there.
+TEST_CASE("lens: fisheye models include rays behind the camera", "[lens]") {
   const Lens lens = lens_of("FISHEYE", {30, 20, 100, 90});
   const double angle = 110 * std::acos(-1.0) / 180;
   const auto p = project_ray(lens, {3 * std::sin(angle), 0, 3 * std::cos(angle)});
@@ -121,7 +122,7 @@ TEST_CASE("lens: fisheyes see behind the camera", "[lens]") {
   const auto back = pixel_ray(lens, 100, 90 - 20 * angle);
   REQUIRE(back);
   CHECK(angle_between(*back, {0, -std::sin(angle), std::cos(angle)}) < 1e-9);
-  CHECK_FALSE(pixel_ray(lens, 100 + 30 * 3.2, 90));  // 180 degrees are all
+  CHECK_FALSE(pixel_ray(lens, 100 + 30 * 3.2, 90));  // 180 degrees cover all directions
   CHECK_FALSE(project_ray(lens, {0, 0, -1}));        // the whole rim of the image
   CHECK_FALSE(project_ray(full_opencv(), {0.1, 0, -1}));
 }
@@ -149,15 +150,15 @@ TEST_CASE("lens: distortion agrees with OpenCV", "[lens]") {
   compare(fisheye);
 }
 
-TEST_CASE("lens: a fold of the polynomial is no solution", "[lens]") {
+TEST_CASE("lens: solutions beyond the maximum of the polynomial are rejected", "[lens]") {
   // r (1 - 0.9 r^2) has its maximum at 0.61: 0.406
   const Lens lens = lens_of("SIMPLE_RADIAL", {100, 0, 0, -0.9});
   CHECK(pixel_ray(lens, 35, 0));
   CHECK_FALSE(pixel_ray(lens, 50, 0));
 }
 
-// The distorted picture of a known function of the ray; undistorting it must give that function back.
-TEST_CASE("lens: the undistorted image is what an ideal camera sees", "[lens]") {
+// The distorted image shows a known function of the ray. Undistorting it must restore this function.
+TEST_CASE("lens: the undistorted image is that of an ideal camera", "[lens]") {
   const auto colour = [](double x, double y) { return 127 + 100 * std::sin(9 * x) * std::cos(7 * y); };
   for (const Lens& lens : some_lenses()) {
     Image8 seen{lens.width, lens.height, {}};
@@ -178,13 +179,15 @@ TEST_CASE("lens: the undistorted image is what an ideal camera sees", "[lens]") 
         worst = std::max(worst,
                          std::abs(expected - ideal.rgb[3 * static_cast<std::size_t>(j * ideal.width + i)]));
       }
-    // 8-bit rounding twice and bicubic interpolation; half a pixel of misplacement would give 8 and more.
+    // The error comes from rounding to 8 bits twice and from bicubic interpolation. An offset of half a pixel
+    // would give 8 or more.
     CHECK(worst < 3.0);
   }
 }
 
-// Faces of wide images of a known function of the ray must give that function back, in the world directions
-// of their cameras, and mask what the image does not show. All pixels of the image lie in a face.
+// The wide image shows a known function of the ray. The faces must restore this function in the world
+// directions of their cameras, and mask the directions that the image does not cover. All pixels of the image
+// must be inside a face.
 TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
   const auto colour = [](const Ray& r) {
     const double n = std::hypot(r[0], r[1], r[2]);
@@ -226,7 +229,8 @@ TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
       std::size_t covered = 0;
       for (int j = 0; j < face.height; ++j)
         for (int i = 0; i < face.width; ++i) {
-          const Ray ray = camera.ray(i + 0.5, j + 0.5);  // in the world, which is the camera of the image
+          const Ray ray = camera.ray(
+              i + 0.5, j + 0.5);  // in world coordinates, which are those of the camera of the image
           const auto p = project_ray(lens, ray);
           if (!covers(plan, i + 0.5, j + 0.5)) {
             some_masked = true;
@@ -248,7 +252,8 @@ TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
     }
     CHECK(names.size() == plans.size());
     CHECK(some_masked == masked);
-    // 8-bit rounding twice and bicubic interpolation; half a pixel of misplacement gives 3 and more.
+    // The error comes from rounding to 8 bits twice and from bicubic interpolation. An offset of half a pixel
+    // gives 3 or more.
     CHECK(worst < 2.5);
   }
   CHECK(degrees_covered(cases[0].lens) == 360);
@@ -256,7 +261,7 @@ TEST_CASE("lens: a wide image becomes the faces of a cube", "[lens]") {
   CHECK(degrees_covered(full_opencv()) < 110);
 }
 
-TEST_CASE("lens: no distortion, no plan", "[lens]") {
+TEST_CASE("lens: without distortion there is no plan", "[lens]") {
   CHECK_FALSE(lens_of("RADIAL", {210, 161, 118, 0, 0}).distorted());
   CHECK_FALSE(lens_of("DIVISION", {210, 205, 161, 118, 0}).distorted());
   CHECK_FALSE(lens_of("EUCM", {210, 205, 161, 118, 0, 1}).distorted());
@@ -270,7 +275,7 @@ TEST_CASE("lens: coefficients outside of a formula's domain are refused", "[lens
     return message_of([&] { make_colmap_camera("EUCM", 32, 24, {20, 20, 16, 12, alpha, beta}, "there"); });
   };
   CHECK_THAT(eucm(1.5, 1), Contains("there: EUCM with alpha = 1.5"));
-  CHECK_THAT(eucm(0.5, 0), Contains("beta must be positive") || Contains("beta positive"));
+  CHECK_THAT(eucm(0.5, 0), Contains("beta must be positive") || Contains("beta must be positive"));
   CHECK_THAT(message_of([&] {
                make_colmap_camera("FISHEYE", 32, 24, {20, 20, 16}, "there");
              }),

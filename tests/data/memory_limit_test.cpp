@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
 
-TEST_CASE("memory limit: the least of a control group and those above it", "[file]") {
+TEST_CASE("memory limit: the smallest of a control group and its parents", "[file]") {
   const test::TempFolder root;
   const auto limit = [&] { return memory_limit(root.path()); };
   CHECK(limit() == kNone);
@@ -22,7 +22,7 @@ TEST_CASE("memory limit: the least of a control group and those above it", "[fil
   CHECK(limit() == 4000000000u);
   test::put(root / "sys/fs/cgroup/a/b/memory.max", "5000\n");
   CHECK(limit() == 5000);
-  test::put(root / "sys/fs/cgroup/memory.max", "70\n");  // a container's own root
+  test::put(root / "sys/fs/cgroup/memory.max", "70\n");  // the root of a container
   CHECK(limit() == 70);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a model file says about its drawing and its cameras.
+// Tests the comments of a model file about render settings and cameras.
 #include "host/data/model_notes.hpp"
 
 #include <catch2/catch.hpp>
@@ -27,7 +27,7 @@ std::vector<Camera> ring(int count) {
   return cameras;
 }
 
-TEST_CASE("model notes: out and back, and other comments are left alone", "[ply]") {
+TEST_CASE("model notes: notes are written and read back, and other comments are kept", "[ply]") {
   const std::vector<Camera> cameras = ring(30);
   const ModelNotes notes = make_notes({{"background", "1,0.5,0"}, {"alpha_min", "0"}}, cameras);
   REQUIRE(notes.cameras.size() == kNotedCameras);
@@ -42,7 +42,7 @@ TEST_CASE("model notes: out and back, and other comments are left alone", "[ply]
   REQUIRE(loaded.notes.cameras.size() == kNotedCameras);
   for (std::size_t i = 0; i < kNotedCameras; ++i) {
     const Camera &in = cameras[i * 30 / kNotedCameras], &out = loaded.notes.cameras[i];
-    // Seven digits.
+    // Numbers have seven digits.
     for (std::size_t k = 0; k < 9; ++k) CHECK(out.rotation[k] == Approx(in.rotation[k]).margin(1e-6));
     for (std::size_t k = 0; k < 3; ++k) CHECK(out.centre()[k] == Approx(in.centre()[k]).margin(4e-6));
     CHECK(out.fx == Approx(in.fx).epsilon(1e-6));
@@ -52,7 +52,7 @@ TEST_CASE("model notes: out and back, and other comments are left alone", "[ply]
   }
 }
 
-TEST_CASE("model notes: what is none is refused", "[ply]") {
+TEST_CASE("model notes: invalid notes are rejected", "[ply]") {
   const auto refused = [](const std::vector<std::string>& comments) {
     return message_of([&] { notes_of(comments, "m.ply"); });
   };
@@ -69,7 +69,7 @@ TEST_CASE("model notes: what is none is refused", "[ply]") {
   CHECK(notes_of(comments_of({.up = Vec3{0, -1, 0}}), "m.ply").up == Vec3{0, -1, 0});
   CHECK_THAT(refused({"ubs_up 0 0 0"}), Catch::Contains("no direction"));
   CHECK_THAT(refused({"ubs_drawn background"}), Catch::Contains("key=value"));
-  // Of a later version.
+  // A note of a later version.
   CHECK(notes_of(std::vector<std::string>{"ubs_drawn exposure=2 eps2d=0.1"}, "m.ply").drawing.size() == 1);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Names that differ between the data and the disk (host/data/named_files.hpp), in every layout; and what
-// every reader of data folders says about what it does not use.
+// Tests names that differ between the data and the disk (host/data/named_files.hpp) in every layout, and the
+// notes of all readers of data folders about files that they do not use.
 #include <filesystem>
 
 #include "host/data/load_dataset.hpp"
@@ -51,7 +51,8 @@ void put_points(const fs::path& file) {
       "1 2 3 0 255 0 0 7\n4 5 6 0 0 255 0 8\n3 0 1 1\n");
 }
 
-// Opens the folder in each of the layouts that name files: stated names, files on the disk.
+// Opens the folder in each of the layouts that contain file names. `stated` are the names in the data, and
+// `files` those on the disk.
 struct Opened {
   std::size_t views = 0;
   std::string notes, error;
@@ -91,7 +92,7 @@ std::vector<Opened> in_all_layouts(const std::vector<std::string>& stated,
 
 }  // namespace
 
-TEST_CASE("names: capitals, accents and separators do not part names", "[names]") {
+TEST_CASE("names: capitals, accents and separators are ignored in comparisons", "[names]") {
   CHECK(folded_name("IMG_1.JPG") == "img_1.jpg");
   CHECK(folded_name("caf\u00e9.png") == folded_name("cafe\u0301.PNG"));
   CHECK(folded_name("\u1ec7") == folded_name("e\u0323\u0302"));                               // two accents
@@ -102,10 +103,10 @@ TEST_CASE("names: capitals, accents and separators do not part names", "[names]"
   CHECK(path_components(R"(C:\data\.\x\..\im.png)") == std::vector<std::string>{"data", "im.png"});
 }
 
-TEST_CASE("names: files are found by what the names have in common, and counted in a note", "[names]") {
+TEST_CASE("names: files are found by the common part of the names, and counted in a note", "[names]") {
   struct Row {
     std::vector<std::string> stated, disk;
-    std::size_t layouts = 3;  // the first ones
+    std::size_t layouts = 3;  // the first files
   };
   const std::vector<Row> rows{
       {{"images/a1.jpg", "images/a2.jpg"}, {"images/A1.JPG.png", "images/A1.png", "images/A2.PNG"}},
@@ -118,7 +119,7 @@ TEST_CASE("names: files are found by what the names have in common, and counted 
       {{"/home/u/scan/images/a1.png", "/home/u/scan/images/a2.png"}, {"images/a1.png", "images/a2.png"}},
       {{R"(C:\Users\u\scan\images\a1.png)"}, {"images/a1.png"}},
       {{"../../elsewhere/images/a1.png"}, {"images/a1.png"}},
-      // The end of the path decides between files of one name.
+      // The end of the path selects one of several files with the same name.
       {{"/home/u/cam0/a.png", "/home/u/cam1/a.png"}, {"images/cam0/a.png", "images/cam1/a.png"}},
       {{"/home/u/rgb/a1.png"}, {"images/a1.png", "masks/a1.png"}},
   };
@@ -127,21 +128,20 @@ TEST_CASE("names: files are found by what the names have in common, and counted 
       INFO(row.stated.front() << " as " << row.disk.front() << ": " << found.error << found.notes);
       CHECK(found.views == row.stated.size());
       CHECK_THAT(found.notes,
-                 Contains(fmt::format("{} images found by another than the exact name, the first '",
+                 Contains(fmt::format("{} images found under slightly different names, such as '",
                                       row.stated.size())));
     }
   for (const Opened& exact : in_all_layouts({"images/a1.png"}, {"images/a1.png"}))
-    CHECK(exact.notes.find("exact name") == std::string::npos);
+    CHECK(exact.notes.find("different names") == std::string::npos);
 }
 
-TEST_CASE("names: what fits no file or several is not guessed", "[names]") {
+TEST_CASE("names: a name that matches no file or several files is not guessed", "[names]") {
   for (const Opened& none : in_all_layouts({"images/im1.png"}, {"images/im2.png"}))
     CHECK_THAT(none.error, Contains("none of the 1 images") && Contains("im1.png") &&
-                               Contains("looked for in") &&
-                               Contains("nearest name there is 'images/im2.png'"));
+                               Contains("searched in") && Contains("nearest name there is 'images/im2.png'"));
   for (const Opened& both : in_all_layouts({"/x/a.png"}, {"images/l/a.png", "images/r/a.png"}))
     CHECK_THAT(both.error, Contains("2 files have this name"));
-  // One file does not serve two names, and a deleted image is not replaced by one of another folder.
+  // A file is not used for two names, and a deleted image is not replaced by an image of another folder.
   for (const Opened& shared : in_all_layouts({"/x/l/a.png", "/x/r/a.png"}, {"images/a.png"}))
     CHECK_THAT(shared.error, Contains("none of the 2 images"));
   const std::vector<Opened> deleted =
@@ -151,7 +151,7 @@ TEST_CASE("names: what fits no file or several is not guessed", "[names]") {
     CHECK_THAT(deleted[layout].notes, Contains("1 skipped: no such"));
   }
   CHECK_THAT(deleted[1].error, Contains("1 of 2 images do not exist: the first, 'images/b.png'"));
-  // Nothing outside of the data folder, and no link that leads there.
+  // Neither files outside of the data folder nor links to them are used.
   const TempFolder folder;
   put_image(folder / "secret/a.png", 16, 12);
   fs::create_directories(folder / "data");
@@ -161,7 +161,7 @@ TEST_CASE("names: what fits no file or several is not guessed", "[names]") {
   CHECK(opened(folder / "data", {.read = {.test_every = 0, .allow_outside = true}}).views == 1);
 }
 
-TEST_CASE("names: masks, points and lists of files are found as images are", "[names]") {
+TEST_CASE("names: masks, points and lists of files are found in the same way as images", "[names]") {
   const TempFolder folder;
   for (const char* name : {"images/a.png", "images/b.png", "masks/a.png", "masks/b.png"})
     put_image(folder / name, 16, 12);
@@ -182,9 +182,9 @@ TEST_CASE("names: masks, points and lists of files are found as images are", "[n
   CHECK(data.find("test")->views.at(0).masked);
   REQUIRE(data.points);
   const Opened said = opened(folder.path());
-  CHECK_THAT(said.notes, Contains("2 masks found by another than the exact name") &&
+  CHECK_THAT(said.notes, Contains("2 masks found under slightly different names") &&
                              Contains("1 files of points found") && Contains("1 names of 'test_filenames'") &&
-                             Contains("1 skipped: named by 'train_filenames'"));
+                             Contains("1 skipped: listed in 'train_filenames'"));
 }
 
 TEST_CASE("names: masks of COLMAP folders", "[names]") {
@@ -204,7 +204,7 @@ TEST_CASE("names: masks of COLMAP folders", "[names]") {
   }
 }
 
-TEST_CASE("names: tens of thousands of files are found at once", "[names]") {
+TEST_CASE("names: tens of thousands of files are found quickly", "[names]") {
   NameIndex index;
   for (int i = 0; i < 40'000; ++i) index.add(fmt::format("images/scan/IMG_{:05}.JPG", i));
   for (int i = 0; i < 40'000; ++i) {
@@ -229,25 +229,25 @@ TEST_CASE("names: hidden files of macOS are neither images nor in the place of i
   }
 }
 
-// Every reader of data folders, with something in its input that it does not use. A packed file holds nothing
-// else.
-TEST_CASE("silence: no reader leaves out without a word", "[names]") {
+// Tests every reader of data folders with an input that contains something unused. A packed file cannot
+// contain anything else.
+TEST_CASE("silence: every reader reports what it does not use", "[names]") {
   struct Row {
     std::string what, words;
     void (*put_in)(const fs::path& folder);
   };
   const std::vector<Row> rows{
-      {"a picture without a camera (nerfstudio)", "1 pictures in 'images' belong to no camera",
+      {"a picture without a camera (nerfstudio)", "1 images in 'images' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"});
        }},
-      {"a picture without a camera (blender)", "1 pictures in 'train' belong to no camera",
+      {"a picture without a camera (blender)", "1 images in 'train' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12), put_image(f / "train/b.png", 16, 12);
          put_json(f / "transforms_train.json", {"train/a"});
        }},
-      {"a picture without a camera (colmap)", "1 pictures in 'images' belong to no camera",
+      {"a picture without a camera (colmap)", "1 images in 'images' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
@@ -311,19 +311,19 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 -nan(ind) 0 0 0 nan 0 0 1 b.png\n\n");
        }},
-      {"a fisheye picture of more than 180 degrees", "1 wide images became 6 pinhole views",
+      {"a fisheye picture of more than 180 degrees", "1 wide images were split into 6 pinhole views",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 160, 120);
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 160 120 40 40 80 60 0 0 0 0\n");
        }},
-      {"the rim of a fisheye picture", "% of the picture left out",
+      {"the rim of a fisheye picture", "% of the image is lost",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 16 12 5 5 8 6 0 0 0 0\n");
        }},
-      {"a video beside the images (llff)", "1 videos beside 2 rows of poses_bounds.npy: not used",
+      {"a video beside the images (llff)", "1 videos are not used, because poses_bounds.npy has 2 rows",
        [](const fs::path& f) {
          put_rows(f, 2), put(f / "walk.mp4", "");
          put_image(f / "images/a.png", 128, 96), put_image(f / "images/b.png", 128, 96);
@@ -333,13 +333,14 @@ TEST_CASE("silence: no reader leaves out without a word", "[names]") {
          put_rows(f, 1), put_image(f / "images/a.png", 128, 96);
          put_image(f / "masks/a.png", 128, 96), put_image(f / "masks/b.png", 128, 96);
        }},
-      {"frames of one camera alone (n3v)", "cam00 has 1 frames, cam01 has 2: frames from 1 on are left out",
+      {"frames of one camera alone (n3v)",
+       "cam00 has 1 frames, but cam01 has 2: frames from 1 on are not used",
        [](const fs::path& f) {
          put_rows(f, 2);
          for (const char* name : {"cam00/0.png", "cam01/0.png", "cam01/1.png"}) put_image(f / name, 128, 96);
        }},
       {"cameras of another layout",
-       "the folder also has poses_bounds.npy (LLFF, N3V): not used (--layout llff",
+       "the folder also has poses_bounds.npy (LLFF, N3V): not used (to use it instead: --layout llff",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_rows(f, 1);
          put_json(f / "transforms.json", {"images/a.png"});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// nerfstudio, LLFF and N3V folders, and the recognition of layouts.
+// Tests nerfstudio, LLFF and N3V folders, and the detection of layouts.
 #include <cctype>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
@@ -67,10 +67,10 @@ TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
   put(folder / "p.ply",
       "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
       "end_header\n");
-  CHECK_FALSE(load_dataset(folder.path(), options).points);  // COLMAP writes such a file too
+  CHECK_FALSE(load_dataset(folder.path(), options).points);  // COLMAP also writes such a file
 }
 
-TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
+TEST_CASE("nerfstudio: distortion, lists of names, errors", "[nerfstudio]") {
   TempFolder folder;
   put_frames(folder);
   const auto load = [&](const std::string& json) {
@@ -120,12 +120,12 @@ TEST_CASE("nerfstudio: distortion, lists of names, refusals", "[nerfstudio]") {
              Contains("'VR180_L' is not known") && Contains("PERSPECTIVE") && Contains("EQUIRECTANGULAR"));
   CHECK_THAT(refusal(nerfstudio_json(kHead + R"("k4": 0.1, )")), Contains("'k4'"));
   CHECK_THAT(refusal(nerfstudio_json(kHead, R"(, "mask_path": "none.png")")),
-             Contains("frame 0: the mask 'none.png' is not there") && Contains("looked for in"));
+             Contains("frame 0: the mask 'none.png' is not there") && Contains("searched in"));
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 
-// Every name of the table, in any case, with its own parameters: the view is that of a COLMAP model with
-// them.
+// Every name of the table, in upper and lower case, with its parameters: the view must be equal to that of a
+// COLMAP model with the same parameters.
 TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
   for (const LensModel& model : lens_models()) {
     const TempFolder folder;
@@ -143,7 +143,7 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
       parameters.push_back(found != fixed.end() ? found->second : (next *= -0.7));
       fields += fmt::format("\"{}\": {}, ", parameter, parameters.back());
     }
-    // A 'w' and 'h' above are the size of the image in this file.
+    // 'w' and 'h' above are the size of the image in this file.
     put(folder / "transforms.json",
         nerfstudio_json(fields + fmt::format("\"camera_model\": \"{}\", ", name)));
     INFO(name);
@@ -155,7 +155,8 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
       continue;
     }
     const std::vector<Undistortion> plans = plan_views(lens, "test");
-    const Undistortion& plan = plans.size() == 6 ? plans[2] : plans[0];  // by name "back" is the first
+    const Undistortion& plan =
+        plans.size() == 6 ? plans[2] : plans[0];  // "back" is the first in alphabetical order
     CHECK(data.splits[0].views.size() == 3 * plans.size());
     CHECK(data.splits[0].views[0].part_of == (plans.size() == 6 ? "f1" : ""));
     CHECK(std::array{camera.fx, camera.cx, camera.cy} == std::array{plan.fx, plan.cx, plan.cy});
@@ -163,7 +164,8 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
   }
 }
 
-TEST_CASE("nerfstudio: a size with a fraction is that of an image less than a pixel away", "[nerfstudio]") {
+TEST_CASE("nerfstudio: a fractional size matches an image whose size differs by less than a pixel",
+          "[nerfstudio]") {
   const TempFolder folder;
   put_frames(folder);
   put(folder / "transforms.json", nerfstudio_json(R"("w": 64.8, "h": 48.6, "fl_x": 81, "cx": 32.4, )"));
@@ -174,7 +176,7 @@ TEST_CASE("nerfstudio: a size with a fraction is that of an image less than a pi
   CHECK(c.cy == Approx(24).epsilon(1e-14));
 }
 
-TEST_CASE("nerfstudio: backslashes of Windows part folders where that names a file", "[nerfstudio]") {
+TEST_CASE("nerfstudio: backslashes of Windows separate folders if this leads to a file", "[nerfstudio]") {
   const TempFolder folder;
   put_frames(folder, 2);
   std::string json = nerfstudio_json(kHead, "", 2);
@@ -197,7 +199,7 @@ TEST_CASE("nerfstudio: backslashes of Windows part folders where that names a fi
   CHECK(names("transforms_train.json") == std::vector<std::string>{"f0", R"(images%5Cf1)"});
 }
 
-TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
+TEST_CASE("dataset: the error for an unknown folder lists the supported layouts", "[dataset]") {
   TempFolder folder;
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("poses_bounds.npy"));
   CHECK_THAT(message_of([&] { load_dataset(folder / "none"); }), Contains("no such data folder"));
@@ -207,17 +209,17 @@ TEST_CASE("dataset: unknown folders name what was looked for", "[dataset]") {
              Contains("'other'"));
 }
 
-TEST_CASE("dataset: what is no data folder says what it is", "[dataset]") {
+TEST_CASE("dataset: the error for other paths describes the file", "[dataset]") {
   const TempFolder folder;
   put(folder / "scan.zip", "PK\x03\x04 and more");
   CHECK_THAT(message_of([&] { load_dataset(folder / "scan.zip"); }),
              Contains("ZIP") && Contains("unpack it first"));
   put(folder / "d/transforms_colmap.json", nerfstudio_json(kHead));
   CHECK_THAT(message_of([&] { load_dataset(folder / "d"); }),
-             Contains("give the file itself: ") && Contains("d/transforms_colmap.json"));
+             Contains("pass the file itself: ") && Contains("d/transforms_colmap.json"));
 }
 
-TEST_CASE("dataset: NaN in a transforms file names frame and field", "[dataset]") {
+TEST_CASE("dataset: the error for NaN in a transforms file contains frame and field", "[dataset]") {
   const TempFolder folder;
   put_frames(folder);
   std::string json = nerfstudio_json(kHead);
@@ -230,7 +232,7 @@ TEST_CASE("dataset: NaN in a transforms file names frame and field", "[dataset]"
   CHECK_THAT(message_of([&] { load_dataset(folder.path()); }), Contains("'h' has the value -Infinity"));
 }
 
-TEST_CASE("dataset: formats of images that are not supported are named", "[dataset]") {
+TEST_CASE("dataset: errors contain unsupported image formats", "[dataset]") {
   const TempFolder folder;
   const auto refusal = [&](const std::string& name, const std::string& bytes) {
     put(folder / "images" / name, bytes);
@@ -258,7 +260,7 @@ TEST_CASE("dataset: formats of images that are not supported are named", "[datas
   }
 }
 
-TEST_CASE("llff: masks beside the images", "[llff]") {
+TEST_CASE("llff: masks next to the images", "[llff]") {
   const TempFolder folder;
   put_rows(folder.path(), 2);
   for (const char* name : {"images/0.png", "images/1.png", "masks/1.png"}) put_image(folder / name, 128, 96);
@@ -268,7 +270,7 @@ TEST_CASE("llff: masks beside the images", "[llff]") {
   CHECK(views[1].image.mask.size() == 128 * 96);
 }
 
-TEST_CASE("llff: hidden files of macOS are no images", "[llff]") {
+TEST_CASE("llff: hidden files of macOS are not images", "[llff]") {
   const TempFolder folder;
   put_rows(folder.path(), 2);
   for (const char* name : {"images/0.png", "images/1.png"}) put_image(folder / name, 128, 96);
@@ -276,17 +278,16 @@ TEST_CASE("llff: hidden files of macOS are no images", "[llff]") {
   CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 2);
 }
 
-TEST_CASE("dataset: settings that a layout has no use for are refused", "[dataset]") {
+TEST_CASE("dataset: settings that a layout does not use are rejected", "[dataset]") {
   const TempFolder folder;
   const auto refusal = [&](const char* file, const DatasetOptions& options) {
     put(folder / file, "{}");
     return message_of([&] { load_dataset(folder.path(), options); }, ErrorKind::usage);
   };
   CHECK_THAT(refusal("transforms.json", {.read = {.images = "images_4"}}),
-             Contains("nerfstudio has no use for --images"));
-  CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("no use for --frames"));
-  CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 0}}),
-             Contains("no use for --test-every"));
+             Contains("nerfstudio does not use --images"));
+  CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("not use --frames"));
+  CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 0}}), Contains("not use --test-every"));
 }
 
 TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
@@ -396,7 +397,8 @@ TEST_CASE("dataset: the offset keeps the digits of data in a large unit", "[data
   }
 }
 
-TEST_CASE("dataset: images beyond the cache are decoded on demand, with the same pixels", "[dataset]") {
+TEST_CASE("dataset: images that do not fit into the cache are decoded on demand, with the same pixels",
+          "[dataset]") {
   TempFolder folder;
   put_frames(folder);
   put(folder / "transforms.json", nerfstudio_json(kHead));
@@ -422,7 +424,7 @@ TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
   CHECK(data.find("test")->views.size() == 2);
   const Camera& c = data.find("train")->views[1].camera;  // f2
   CHECK(c.width == 64);
-  CHECK(c.fx == 50);  // 100 at twice the size
+  CHECK(c.fx == 50);  // 100 at double size
   CHECK(c.cx == 32);
   CHECK(c.centre()[0] == Approx(2));
   CHECK(c.rotation[4] == -1);  // y down
@@ -450,7 +452,8 @@ TEST_CASE("llff: poses, sizes, bounds", "[llff]") {
              Contains("9 images, but poses_bounds.npy has 8 rows"));
 }
 
-TEST_CASE("llff: depth bounds stay with their views, which are in another order than the files", "[llff]") {
+TEST_CASE("llff: depth bounds are assigned to their views, although the order of the files differs",
+          "[llff]") {
   const TempFolder folder;
   std::vector<double> rows;
   for (const char* name : {"a-2", "a"}) {
@@ -491,7 +494,7 @@ TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff
   CHECK(view.name == "cam02_0003");
   CHECK(view.camera.time == 0.5);
   CHECK(view.camera.fx == 50);
-  for (const int i : {5, 3, 4, 3}) {  // backwards as well
+  for (const int i : {5, 3, 4, 3}) {  // also backwards
     const View& v = data.find("train")->views[static_cast<std::size_t>(i)];
     const Image8 image = v.load_image();
     CHECK(std::abs(int{image.rgb[0]} - 160) < 6);
@@ -500,7 +503,7 @@ TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff
   }
 }
 
-TEST_CASE("n3v: a playlist that calls itself a video opens no other file", "[llff]") {
+TEST_CASE("n3v: a playlist with the name of a video opens no other file", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
   {
@@ -536,16 +539,16 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   const Dataset data = load_dataset(folder.path());
   CHECK(data.find("train")->views.size() == 3);
   CHECK(data.find("test")->views[2].camera.time == 1);
-  put_image(folder / "cam01/0003.png", 64, 48);  // its times were those of more frames
+  put_image(folder / "cam01/0003.png", 64, 48);  // its times were those of a video with more frames
   const Dataset longer = load_dataset(folder.path());
   REQUIRE(longer.find("train")->views.size() == 3);
   CHECK(longer.find("train")->views[1].camera.time == 0.5);
-  CHECK_THAT(longer.report.notes.at(0), Contains("cam00 has 3 frames, cam01 has 4"));
+  CHECK_THAT(longer.report.notes.at(0), Contains("cam00 has 3 frames, but cam01 has 4"));
   CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.test_every = 0}}); }, ErrorKind::usage),
-             Contains("N3V has no use for --test-every"));
+             Contains("N3V does not use --test-every"));
 }
 
-TEST_CASE("image: EXR is linear light, becomes sRGB", "[image]") {
+TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]") {
   TempFolder folder;
   setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
   const cv::Mat exr(2, 3, CV_32FC3, cv::Scalar(0.0, 0.5, 1.0));  // B G R

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// .npy files: bytes as NumPy writes them, round trip, refusals.
+// Tests .npy files: the bytes that NumPy writes, the round trip, and errors.
 #include "host/data/npy.hpp"
 
 #include <array>
@@ -12,7 +12,7 @@ using Catch::Contains;
 
 namespace {
 
-// A header as numpy.save writes it, followed by `data`.
+// Returns a header as numpy.save() writes it, followed by `data`.
 std::string npy_text(const std::string& dict, const std::string& data) {
   std::string header = dict;
   header.append(63 - (10 + header.size()) % 64, ' ');
@@ -40,7 +40,7 @@ TEST_CASE("npy: exact bytes and round trip", "[npy]") {
   CHECK(read_npy(folder / "b.npy").shape == std::vector<std::size_t>{6});
 }
 
-// What NumPy writes unless it is told otherwise.
+// NumPy writes float64 by default.
 TEST_CASE("npy: float64 is accepted wherever float32 is", "[npy]") {
   TempFolder folder;
   const std::array<double, 3> wide{0.1, -2.5, 1e-300};
@@ -61,7 +61,7 @@ TEST_CASE("npy: scalar and empty arrays", "[npy]") {
   CHECK(read_npy(folder / "e.npy").shape == std::vector<std::size_t>{0, 3});
 }
 
-TEST_CASE("npy: refusals say why", "[npy]") {
+TEST_CASE("npy: errors contain the reason", "[npy]") {
   TempFolder folder;
   const auto refusal = [&](const std::string& content) {
     put(folder / "x.npy", content);
@@ -79,11 +79,11 @@ TEST_CASE("npy: refusals say why", "[npy]") {
   const std::array<double, 2> wide{1, 1e300};
   CHECK_THAT(refusal(npy_text("{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }",
                               {reinterpret_cast<const char*>(wide.data()), sizeof wide})),
-             Contains("value 1 is 1e+300: beyond float32"));
+             Contains("value 1 is 1e+300, which exceeds float32"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }", data)),
              Contains("Fortran order"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'shape': (2, 3), }", data)),
-             Contains("malformed .npy header: no fortran_order"));
+             Contains("malformed .npy header: fortran_order is missing"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 4), }", data)),
              Contains("truncated"));
   CHECK_THAT(refusal(npy_text("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }", data)),
@@ -93,7 +93,7 @@ TEST_CASE("npy: refusals say why", "[npy]") {
              Contains("truncated"));
   CHECK_THAT(refusal(npy_text(
                  "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999,), }", data)),
-             Contains("absurd extent"));
+             Contains("invalid extent"));
   const std::array<std::size_t, 1> shape{2};
   const std::array<float, 1> one{7};
   CHECK_THAT(message_of([&] { write_npy(folder / "w.npy", shape, one); }, ErrorKind::internal),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What may be read when a data set is opened (host/data/data_root.hpp): nothing outside of its folder, by
-// whatever way its files name it, unless the user allows it.
+// Tests that opening a data set reads nothing outside of its folder, however its files refer to it, unless
+// the user allows this (host/data/data_root.hpp).
 #include <filesystem>
 
 #include "host/data/data_root.hpp"
@@ -20,7 +20,7 @@ constexpr const char* kPoints =
     "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
     "end_header\n1 2 3\n";
 
-// data/ beside secret/, which holds an image, a point cloud and a JSON file.
+// Creates data/ and, next to it, secret/ with an image, a point cloud and a JSON file.
 struct Scene {
   TempFolder folder;
   Scene() {
@@ -30,7 +30,8 @@ struct Scene {
   }
   fs::path data() const { return folder / "data"; }
 
-  // Refused without the option, in words that name it; opened with it.
+  // Checks that the data are rejected without the option, with a message that contains it, and opened with
+  // the option.
   void check_outside(const fs::path& opened, const std::string& what) const {
     CHECK_THAT(message_of([&] { load_dataset(opened); }),
                Contains(what) && Contains("outside of the data folder") && Contains("--allow-outside"));
@@ -95,13 +96,13 @@ TEST_CASE("outside: symbolic links of files and folders", "[outside]") {
   fs::create_symlink("in.png", scene.data() / "alias.png");  // a link that stays inside
   put_nerfstudio(scene.data(), "alias.png");
   CHECK_NOTHROW(load_dataset(scene.data()));
-  fs::create_directory_symlink("data", scene.folder / "link");  // the data folder itself is one
+  fs::create_directory_symlink("data", scene.folder / "link");  // the data folder itself is a link
   CHECK_NOTHROW(load_dataset(scene.folder / "link"));
 
   fs::rename(scene.data() / "transforms.json", scene.folder / "secret/t.json");
   fs::create_symlink(scene.folder / "secret/t.json", scene.data() / "transforms.json");
   CHECK_THAT(message_of([&] { load_dataset(scene.data()); }), Contains("--allow-outside"));
-  CHECK_NOTHROW(load_dataset(scene.data() / "transforms.json"));  // named by the user
+  CHECK_NOTHROW(load_dataset(scene.data() / "transforms.json"));  // passed by the user
   fs::remove(scene.data() / "transforms.json");
   fs::create_symlink("loop", scene.data() / "loop");
   put_nerfstudio(scene.data(), "loop/a.png");
@@ -136,7 +137,7 @@ TEST_CASE("outside: names of images, masks and files of COLMAP", "[outside]") {
   fs::rename(scene.data() / "sparse/0/cameras.txt", scene.folder / "secret/cameras.txt");
   fs::create_symlink(scene.folder / "secret/cameras.txt", scene.data() / "sparse/0/cameras.txt");
   scene.check_outside(scene.data(), "cameras.txt");
-  // A folder of images that the user names may be anywhere, and what is in it counts as named.
+  // An image folder that the user passes may be anywhere, and its content is allowed.
   put_colmap(scene.folder / "named", "in.png");
   fs::rename(scene.folder / "named/images", scene.folder / "elsewhere");
   fs::create_symlink(scene.folder / "elsewhere", scene.folder / "named/images");
@@ -162,7 +163,7 @@ TEST_CASE("outside: frames and poses of LLFF and N3V", "[outside]") {
   scene.check_outside(scene.data(), "poses_bounds.npy");
 }
 
-TEST_CASE("outside: a folder whose name only begins alike is outside", "[outside]") {
+TEST_CASE("outside: a folder whose name only starts in the same way is outside", "[outside]") {
   const TempFolder folder;
   put(folder / "data2/x", "x");
   put(folder / "data/y", "y");

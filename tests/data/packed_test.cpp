@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packed data sets: what goes in comes out, and damage anywhere is a data error and nothing else.
+// Tests packed data sets: reading restores what was packed, and any damage gives a data error and nothing
+// else.
 #include "host/data/packed.hpp"
 
 #include <catch2/catch.hpp>
@@ -62,7 +63,7 @@ void read_everything(const std::filesystem::path& path) {
   file->points();
 }
 
-TEST_CASE("CRC-32 of the check value, whole and in parts", "[packed]") {
+TEST_CASE("CRC-32 of the check value, at once and in parts", "[packed]") {
   const std::string text = "123456789";
   const auto bytes = std::as_bytes(std::span(text));
   CHECK(crc32(bytes) == 0xCBF43926u);
@@ -70,7 +71,7 @@ TEST_CASE("CRC-32 of the check value, whole and in parts", "[packed]") {
   CHECK(crc32({}) == 0);
 }
 
-TEST_CASE("masks come back, and only data with masks need the newer version", "[packed]") {
+TEST_CASE("masks are restored, and only data with masks need the newer version", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   write_packed(folder / "plain.ubsd", data);
@@ -90,7 +91,7 @@ TEST_CASE("masks come back, and only data with masks need the newer version", "[
   CHECK_THAT(message_of([&] { read_everything(folder / "short.ubsd"); }), Catch::Contains("mask of 'r_1'"));
 }
 
-TEST_CASE("images that are read when asked for are packed to the same bytes", "[packed]") {
+TEST_CASE("images that are decoded on demand are packed to the same bytes", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   data.splits[0].views[1].image.mask.assign(21, 255);
@@ -114,7 +115,7 @@ TEST_CASE("an image that changes while it is packed leaves no file", "[packed]")
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
-TEST_CASE("a packed data set comes back as it was", "[packed]") {
+TEST_CASE("a packed data set is restored without change", "[packed]") {
   const TempFolder folder;
   const PackedData data = make_data();
   write_packed(folder / "set.ubsd", data);
@@ -150,7 +151,7 @@ TEST_CASE("a packed data set comes back as it was", "[packed]") {
     }
 }
 
-// A file that somebody made by hand: `render` writes "<name>.png" for each view.
+// A manipulated file. The names matter, because `render` writes "<name>.png" for each view.
 TEST_CASE("names in a packed data set cannot lead out of a folder", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
@@ -166,7 +167,7 @@ TEST_CASE("names in a packed data set cannot lead out of a folder", "[packed]") 
   CHECK(opened.splits[1].name == "..%2Ftest");
 }
 
-TEST_CASE("a packed data set opens as any other, and stays local to its offset", "[packed]") {
+TEST_CASE("a packed data set is opened like any other, and keeps its offset", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   for (Split& split : data.splits)
@@ -219,7 +220,7 @@ TEST_CASE("a view of a wide image stays one in a packed file", "[packed]") {
   }
 }
 
-TEST_CASE("every damaged byte of a packed file is noticed", "[packed]") {
+TEST_CASE("every damaged byte of a packed file is detected", "[packed]") {
   const TempFolder folder;
   write_packed(folder / "set.ubsd", make_data());
   const std::string good = get(folder / "set.ubsd");
@@ -232,7 +233,7 @@ TEST_CASE("every damaged byte of a packed file is noticed", "[packed]") {
   }
 }
 
-TEST_CASE("a packed file that is cut off is noticed", "[packed]") {
+TEST_CASE("a truncated packed file is detected", "[packed]") {
   const TempFolder folder;
   write_packed(folder / "set.ubsd", make_data());
   const std::string good = get(folder / "set.ubsd");
@@ -243,7 +244,7 @@ TEST_CASE("a packed file that is cut off is noticed", "[packed]") {
   }
 }
 
-TEST_CASE("what is no packed file is refused by name", "[packed]") {
+TEST_CASE("other files are rejected with their names", "[packed]") {
   const TempFolder folder;
   put(folder / "text.ubsd", "hello");
   CHECK_FALSE(is_packed(folder / "text.ubsd"));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Paths and names from outside: questions to the file system that never throw its own exceptions
-// (host/base/paths.hpp), bytes as text (host/base/text.hpp), names of views as file names
+// Tests paths and names from untrusted sources: queries of the file system that never throw std::filesystem
+// exceptions (host/base/paths.hpp), bytes as text (host/base/text.hpp), and names of views as file names
 // (host/data/view_names.hpp).
 #include "host/base/paths.hpp"
 
@@ -31,7 +31,7 @@ using Names = std::vector<std::string>;
 
 }  // namespace
 
-TEST_CASE("paths: names that are too long are not there, and cannot be made", "[paths]") {
+TEST_CASE("paths: names that are too long do not exist and cannot be created", "[paths]") {
   TempFolder folder;
   const fs::path longest = folder / std::string(300, 'x');
   CHECK_FALSE(path_exists(longest));
@@ -39,19 +39,19 @@ TEST_CASE("paths: names that are too long are not there, and cannot be made", "[
   CHECK_FALSE(is_regular(longest / "a"));
   CHECK_FALSE(same_file(longest, folder.path()));
   CHECK_THAT(message_of([&] { make_folders(longest); }),
-             Contains("cannot make the folder: File name too long"));
-  CHECK_THAT(message_of([&] { file_bytes(longest); }), Contains("has no size"));
+             Contains("cannot create the folder: File name too long"));
+  CHECK_THAT(message_of([&] { file_bytes(longest); }), Contains("cannot determine the size"));
   CHECK_THAT(message_of([&] { folder_entries(longest); }), Contains("cannot list"));
   CHECK_THAT(message_of([&] { remove_path(longest); }), Contains("cannot be removed"));
 }
 
-TEST_CASE("paths: a loop of symbolic links is an error of the data, not of the program", "[paths]") {
+TEST_CASE("paths: a loop of symbolic links is a data error, not an internal error", "[paths]") {
   TempFolder folder;
   fs::create_symlink("b", folder / "a");
   fs::create_symlink("a", folder / "b");
   for (const auto& ask : {path_exists, is_folder, is_regular})
-    CHECK_THAT(message_of([&] { ask(folder / "a"); }), Contains("a: cannot be looked at: Too many levels"));
-  CHECK_THAT(message_of([&] { resolved_path(folder / "a" / "x"); }), Contains("cannot be followed"));
+    CHECK_THAT(message_of([&] { ask(folder / "a"); }), Contains("a: cannot be accessed: Too many levels"));
+  CHECK_THAT(message_of([&] { resolved_path(folder / "a" / "x"); }), Contains("cannot be resolved"));
   CHECK_THAT(message_of([&] { make_folders(folder / "a" / "x"); }), Contains("Too many levels"));
 }
 
@@ -78,9 +78,9 @@ TEST_CASE("paths: files, folders, links", "[paths]") {
   CHECK_FALSE(path_exists(folder / "x"));
 }
 
-// The throwing forms are a class of defects: a user's long name or loop of links ends as an internal error.
-// Files that are not to be seen here pass an error_code.
-TEST_CASE("paths: no source asks the file system in the throwing way", "[paths]") {
+// The throwing forms cause a class of defects: a long name or a loop of links becomes an internal error. The
+// other forms, which this test allows, take an error_code.
+TEST_CASE("paths: no source uses the throwing functions of std::filesystem", "[paths]") {
   const std::regex call(
       R"(\b(?:fs|std::filesystem)::(?:exists|is_\w+|file_size|last_write_time|create_\w+|copy\w*|remove\w*|rename|)"
       R"(\w*directory_iterator|absolute|\w*canonical|current_path|read_symlink|\w*status|equivalent|space|)"
@@ -98,14 +98,15 @@ TEST_CASE("paths: no source asks the file system in the throwing way", "[paths]"
         const std::string arguments = (*at)[1];
         const bool looks = std::regex_search(arguments, std::regex(R"([(,]\s*(?:error|ignored|none)\))"));
         INFO(entry.path().string() << ": " << at->str());
-        const bool type_only = arguments.starts_with("(status)");  // of a file_status: nothing is asked
+        const bool type_only = arguments.starts_with(
+            "(status)");  // function of a file_status, which does not access the file system
         CHECK((looks || type_only));
       }
     }
   CHECK(files > 300);
 }
 
-TEST_CASE("text: any bytes survive, and the result is UTF-8 on one line", "[paths]") {
+TEST_CASE("text: any bytes are preserved, and the result is UTF-8 on one line", "[paths]") {
   CHECK(encode_text("/data/gr\xc3\xbc\xc3\x9f/a b%20") == "/data/gr\xc3\xbc\xc3\x9f/a b%20");
   CHECK(encode_text("caf\xe9") == "caf\\xe9");
   CHECK(encode_text("a\nb\x7f") == "a\\x0ab\\x7f");
@@ -131,7 +132,7 @@ TEST_CASE("text: any bytes survive, and the result is UTF-8 on one line", "[path
   }
 }
 
-TEST_CASE("view names: no name leaves its folder or is special", "[paths]") {
+TEST_CASE("view names: no name leads out of its folder or has a special meaning", "[paths]") {
   for (const char* name : {"r_0", "r_0.5", "cam1_0001", "a b", "50%", "gr\xc3\xbc\xc3\x9f", "caf\xe9",
                            ".hidden", "-x", "concert", "com", "x..y", "%2F"})
     CHECK(safe_file_name(name) == name);
@@ -151,15 +152,15 @@ TEST_CASE("view names: no name leaves its folder or is special", "[paths]") {
   CHECK(safe_file_name(a) != safe_file_name(a + "b"));
   std::string wide;
   while (wide.size() < 300) wide += "\xe2\x82\xac";
-  CHECK(encode_text(safe_file_name(wide)) == safe_file_name(wide));  // no character cut in half
+  CHECK(encode_text(safe_file_name(wide)) == safe_file_name(wide));  // no character is split
   for (const std::string& name : {std::string("../x"), a, std::string(), wide, std::string("AUX.b/c")})
     CHECK(safe_file_name(safe_file_name(name)) == safe_file_name(name));
 }
 
-TEST_CASE("view names: one file for each view", "[paths]") {
+TEST_CASE("view names: each view has its own file", "[paths]") {
   CHECK(settled({"r", "r", "r_2", "r"}) == Names{"r", "r_3", "r_2", "r_4"});
-  CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // file systems that ignore the case
-  CHECK(settled({"a/b", "a%2Fb"}) == Names{"a%2Fb", "a%2Fb_2"});  // equal once they are safe
+  CHECK(settled({"a", "A", "a"}) == Names{"a", "A_2", "a_3"});    // file systems that ignore case
+  CHECK(settled({"a/b", "a%2Fb"}) == Names{"a%2Fb", "a%2Fb_2"});  // equal after replacing unsafe characters
   CHECK(settled({"x", "x_alpha"}) == Names{"x", "x_alpha_2"});    // render --channels rgb,alpha
   CHECK(settled({"x_DEPTH", "x"}) == Names{"x_DEPTH", "x_2"});
   const Names once = settled({"..", "..", "con", "x", "X", "x_2", ""});

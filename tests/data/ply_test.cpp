@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splat files: the exact bytes of method.md 5.1, tolerance in reading, and every refusal. Point clouds
-// share the header reader and are tested here too.
+// Tests splat files: the exact bytes of method.md 5.1, tolerance in reading, and every error. Point clouds
+// use the same header reader and are also tested here.
 #include "host/data/ply.hpp"
 
 #include <cmath>
@@ -36,7 +36,7 @@ constexpr const char* kHeader6 =
     "property float l_triangle_9\nproperty float l_triangle_10\nproperty float l_triangle_11\n"
     "property float l_triangle_12\nproperty float l_triangle_13\nproperty float l_triangle_14\nend_header\n";
 
-// A valid file of two 6D splats that the refusals below damage.
+// A valid file with two 6D splats, which the error tests below modify.
 std::string valid_text(const TempFolder& folder) {
   write_splat_ply(folder / "valid.ply", numbered_model(6, 2));
   return get(folder / "valid.ply");
@@ -100,7 +100,7 @@ TEST_CASE("ply: sizes and round trip for every N", "[ply]") {
   CHECK(file_count(folder.path()) == 2);
 }
 
-TEST_CASE("ply: comments go out and come back", "[ply]") {
+TEST_CASE("ply: comments are written and read back", "[ply]") {
   TempFolder folder;
   const std::vector<std::string> comments{"made by hand", "second  line"};
   write_splat_ply(folder / "a.ply", numbered_model(6, 2), comments);
@@ -130,7 +130,7 @@ TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones b
     header += std::string("property ") + type + " " + name + "\r\n";
     data.append(reinterpret_cast<const char*>(&value), sizeof value);
   };
-  append("double", "nx", std::numeric_limits<double>::quiet_NaN());  // unknown: not even looked at
+  append("double", "nx", std::numeric_limits<double>::quiet_NaN());  // unknown, so it is not checked
   append("uchar", "junk", std::uint8_t{9});
   auto names = ParameterLayout(3).property_names();
   for (std::size_t k = names.size(); k-- > 0;) {
@@ -154,7 +154,7 @@ TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones b
   for (std::size_t k = 3; k < names.size(); ++k) CHECK(model.values[k] == static_cast<float>(k));
 }
 
-TEST_CASE("ply: refusals name file, place and reason", "[ply]") {
+TEST_CASE("ply: errors contain file, position and reason", "[ply]") {
   TempFolder folder;
   const std::string valid = valid_text(folder);
   const auto refusal = [&](const std::string& content) {
@@ -169,17 +169,19 @@ TEST_CASE("ply: refusals name file, place and reason", "[ply]") {
   CHECK_THAT(refusal(""), Contains("x.ply: PLY header has no end_header"));
   CHECK_THAT(refusal("solid\n"), Contains("x.ply: not a PLY file"));
   CHECK_THAT(refusal(valid.substr(0, 60)), Contains("no end_header"));
-  CHECK_THAT(refusal(valid.substr(0, valid.size() - 1)), Contains("promises 2 vertices, the file holds 1"));
+  CHECK_THAT(refusal(valid.substr(0, valid.size() - 1)),
+             Contains("announces 2 vertices, but the file contains 1"));
   CHECK_THAT(refusal(valid + "x"), Contains("1 unexpected bytes"));
   CHECK_THAT(changed("vertex 2", "vertex 3"), Contains("truncated"));
   CHECK_THAT(changed("vertex 2", "vertex 18446744073709551615"), Contains("truncated"));
-  CHECK_THAT(changed("vertex 2", "vertex 99999999999999999999999"), Contains("x.ply:3: absurd vertex count"));
-  CHECK_THAT(changed("vertex 2", "vertex -1"), Contains("absurd vertex count '-1'"));
-  CHECK_THAT(changed("vertex 2", "vertex nan"), Contains("absurd vertex count 'nan'"));
+  CHECK_THAT(changed("vertex 2", "vertex 99999999999999999999999"),
+             Contains("x.ply:3: invalid vertex count"));
+  CHECK_THAT(changed("vertex 2", "vertex -1"), Contains("invalid vertex count '-1'"));
+  CHECK_THAT(changed("vertex 2", "vertex nan"), Contains("invalid vertex count 'nan'"));
   for (std::size_t length = 0; length < valid.size(); length += 13)
     CHECK_THAT(refusal(valid.substr(0, length)), Contains("x.ply"));
   CHECK_THAT(changed("element vertex 2\n", ""), Contains("property before any element"));
-  CHECK_THAT(changed("element vertex", "element face"), Contains("expected vertex"));
+  CHECK_THAT(changed("element vertex", "element face"), Contains("must be vertex"));
   CHECK_THAT(changed("binary_little_endian", "ascii"), Contains("x.ply:2: PLY format 'ascii'"));
   CHECK_THAT(changed("binary_little_endian", "binary_big_endian"), Contains("binary_big_endian"));
   CHECK_THAT(changed("format binary_little_endian 1.0\n", ""), Contains("no format line"));
@@ -212,7 +214,7 @@ TEST_CASE("ply: surplus numbered properties and foreign files", "[ply]") {
   CHECK_THAT(refusal({"x", "y", "z"}), Contains("0 scale_* properties"));
 }
 
-TEST_CASE("ply: non-finite values are found on both sides", "[ply]") {
+TEST_CASE("ply: non-finite values are detected in reading and writing", "[ply]") {
   TempFolder folder;
   std::string text = valid_text(folder);
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -258,7 +260,7 @@ TEST_CASE("point cloud: positions and colours", "[ply]") {
   }
 }
 
-TEST_CASE("point cloud: an ascii file holds the rows that it promises, and no more", "[ply]") {
+TEST_CASE("point cloud: an ascii file must contain exactly the announced rows", "[ply]") {
   TempFolder folder;
   const std::string start =
       "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
@@ -269,11 +271,11 @@ TEST_CASE("point cloud: an ascii file holds the rows that it promises, and no mo
   CHECK(read(start + "end_header\n1 2 3\n4 5 6\n").empty());
   CHECK(read(start + "end_header\n1 2 3 \r\n4 5 6\r\n\n \n").empty());
   CHECK(read(start + "end_header\n1 2 3\n4 5 6").empty());
-  CHECK_THAT(read(start + "end_header\n1 2 3\n4 5 6\n7 8 9\n"), Contains("more rows behind the vertices"));
+  CHECK_THAT(read(start + "end_header\n1 2 3\n4 5 6\n7 8 9\n"), Contains("more rows after the vertices"));
   CHECK_THAT(read(start + "end_header\n1 2 3 4\n4 5 6\n"), Contains("more values than the 3 properties"));
   const std::string faces =
       start + "element face 2\nproperty list uchar int vertex_indices\nend_header\n1 2 3\n4 5 6\n";
   CHECK(read(faces + "3 0 1 1\n3 0 0 1\n").empty());
-  CHECK_THAT(read(faces + "3 0 1 1\n"), Contains("1 rows behind the vertices, the header promises 2"));
+  CHECK_THAT(read(faces + "3 0 1 1\n"), Contains("1 rows follow the vertices, but the header announces 2"));
   CHECK_THAT(read(start + "end_header\n1 2 1e300\n4 5 6\n"), Contains("point 0 = 1e+300"));
 }

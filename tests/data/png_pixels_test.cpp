@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// PNG files of every kind have the pixels that OpenCV gives, transparency of grey ones apart, and what is
-// wrong with one is said in our error alone.
+// Tests that PNG files of every kind have the same pixels as with OpenCV, except for the transparency of grey
+// files, and that problems are only reported as ubs::Error.
 #include "host/data/png_pixels.hpp"
 
 #include <png.h>
@@ -25,7 +25,7 @@ struct Kind {
   int gamma = 0;  // of a gAMA chunk, in 1/100000
 };
 
-// Random rows; written by libpng's low level, because OpenCV writes few kinds.
+// Writes random rows with the low-level functions of libpng, because OpenCV supports few kinds.
 std::string png_file(const Kind& kind) {
   constexpr png_uint_32 kWidth = 37, kHeight = 23;
   std::string file;
@@ -87,7 +87,7 @@ std::vector<Kind> kinds() {
 
 }  // namespace
 
-TEST_CASE("png: every kind has the pixels of OpenCV") {
+TEST_CASE("png: every kind has the same pixels as with OpenCV") {
   for (const Kind& kind : kinds()) {
     INFO("colour type " << kind.colour << ", " << kind.bits << " bits, transparent " << kind.transparent
                         << ", interlaced " << kind.interlaced);
@@ -128,7 +128,7 @@ TEST_CASE("png: a grey value can be transparent") {
   CHECK(clear > 100);
 }
 
-TEST_CASE("png: what has alpha when it is decoded is not opaque") {
+TEST_CASE("png: a file that is decoded with alpha is not opaque") {
   const TempFolder folder;
   std::vector<Kind> all = kinds();
   all.push_back({PNG_COLOR_TYPE_GRAY, 8, true});
@@ -141,7 +141,7 @@ TEST_CASE("png: what has alpha when it is decoded is not opaque") {
   }
 }
 
-TEST_CASE("png: damage is one error of ours, and nothing else on stderr") {
+TEST_CASE("png: damage gives one error, and no other output on stderr") {
   const TempFolder folder;
   const std::string file = png_file({PNG_COLOR_TYPE_PALETTE, 8, true});
   const std::size_t transparency = file.find("tRNS"), data = file.find("IDAT"), last = file.find("IEND");
@@ -153,14 +153,14 @@ TEST_CASE("png: damage is one error of ours, and nothing else on stderr") {
       damaged[at] ^= 0x10;
       put(folder / "f.png", damaged);
       const std::string message = message_of([&] { load_image(folder / "f.png"); });
-      refused += message.find("f.png: damaged or cut off PNG: ") != std::string::npos;
+      refused += message.find("f.png: damaged or truncated PNG: ") != std::string::npos;
     }
   });
   CHECK(refused == 3);
   CHECK(printed == "");
 }
 
-TEST_CASE("png: more pixels than the file can hold are refused before memory is taken") {
+TEST_CASE("png: more pixels than the file can contain are rejected before memory is allocated") {
   const auto sized = [](std::initializer_list<char> side, std::size_t more) {
     std::string file = png_file({PNG_COLOR_TYPE_GRAY, 1});
     for (const std::size_t at : {std::size_t{16}, std::size_t{20}}) file.replace(at, 4, side);
@@ -172,9 +172,9 @@ TEST_CASE("png: more pixels than the file can hold are refused before memory is 
   CHECK_THAT(message_of([&] {
                decoded(sized({0, 16, 0, 0}, 0));
              }),
-             Contains("f.png: damaged or cut off PNG: 1048576 x 1048576 pixels in"));
+             Contains("f.png: damaged or truncated PNG: 1048576 x 1048576 pixels in"));
   CHECK_THAT(message_of([&] {
                decoded(sized({0, 0, '\x81', 0}, 200'000));
              }),
-             Contains("f.png: 33024 x 33024 pixels; images have at most"));
+             Contains("f.png: 33024 x 33024 pixels are too many: images can have at most"));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// safetensors files: what is read, and that everything unexpected is an error that names file and tensor.
+// Tests reading safetensors files. Everything unexpected must be an error that contains file and tensor.
 #include "host/pipeline/safetensors.hpp"
 
 #include <catch2/catch.hpp>
@@ -43,7 +43,7 @@ TEST_CASE("safetensors: tensors in any order, with metadata") {
   CHECK_THROWS_WITH(file.at("other"), Catch::Contains("tensor 'other' is missing"));
 }
 
-TEST_CASE("safetensors: damage is named") {
+TEST_CASE("safetensors: errors describe the damage") {
   const test::TempFolder folder;
   const auto check = [&](const std::string& text, const std::string& message) {
     test::put(folder / "t.safetensors", text);
@@ -64,7 +64,7 @@ TEST_CASE("safetensors: damage is named") {
   check(with(entry("a", "[18446744073709551615,3]", 0, 12)), "does not match");
   check(with(entry("a", "[-3]", 0, 12)), "does not match");
   check(with(entry("a", "3", 0, 12)), "shape is not a list");
-  check(with(entry("a", "[2]", 0, 12)), "2 values in 12 bytes");
+  check(with(entry("a", "[2]", 0, 12)), "2 values cannot be stored in 12 bytes");
   check(with(entry("a", "[3]", 4, 16)), "do not lie in");
   check(with(entry("a", "[1]", 8, 4)), "do not lie in");
   check(with(entry("a", "[2]", 0, 8)), "end at byte 8 of 12");

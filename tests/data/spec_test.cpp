@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Settings from text, YAML and back (host/scene): every field survives, every mistake is named.
+// Tests the conversion of settings from and to text and YAML (host/scene): every field is preserved, and
+// every mistake is reported.
 #include <catch2/catch.hpp>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -17,7 +18,7 @@ using test::message_of;
 using test::put;
 using test::TempFolder;
 
-// Every kind of member once; values that need all digits.
+// Contains every kind of member once, with values that need all digits.
 struct Sample {
   int whole = 3;
   std::uint64_t big = 7;
@@ -43,7 +44,7 @@ std::string usage_message(const std::string& key, const std::string& value) {
   return message_of([&] { set_field(bound(sample), key, value, "--set"); }, ErrorKind::usage);
 }
 
-TEST_CASE("settings: numbers and colours as people write them") {
+TEST_CASE("settings: numbers and colours in the notations that people use") {
   TrainSettings settings;
   const auto set = [&](const char* key, const char* text) {
     set_field(bind_fields(settings, train_fields()), key, text, "--set");
@@ -69,7 +70,7 @@ TEST_CASE("settings: numbers and colours as people write them") {
     CHECK_THROWS_AS(set("background", wrong), Error);
 }
 
-TEST_CASE("settings: a background is a colour, a sky, or to be learnt") {
+TEST_CASE("settings: a background is a colour, a sky, or learnt") {
   TrainSettings settings;
   const auto set = [&](const std::string& text) {
     set_field(bind_fields(settings, train_fields()), "background", text, "--set");
@@ -117,7 +118,7 @@ TEST_CASE("settings: text is read into every kind of field") {
   CHECK(s.chosen == kAuto);
 }
 
-TEST_CASE("settings: what is no value of the field is refused and named") {
+TEST_CASE("settings: an invalid value is rejected, and the message contains it") {
   const std::pair<const char*, const char*> wrong[] = {
       {"whole", "0"},    {"whole", "11"},  {"whole", "1.5"},    {"whole", ""},         {"whole", "3x"},
       {"whole", "1e99"}, {"big", "-1"},    {"real", "nan"},     {"real", "inf"},       {"real", "-inf"},
@@ -133,13 +134,13 @@ TEST_CASE("settings: what is no value of the field is refused and named") {
   CHECK(usage_message("whole", "0").find("integer 1 to 10") != std::string::npos);
 }
 
-TEST_CASE("settings: a failed assignment leaves the value alone") {
+TEST_CASE("settings: a failed assignment does not change the value") {
   Sample s;
   message_of([&] { set_field(bound(s), "triple", "0.5,0.5,7", "--set"); }, ErrorKind::usage);
   CHECK(s.triple.colour == std::array{0.0, 0.0, 0.0});
 }
 
-TEST_CASE("settings: an unknown key suggests the nearest one only when it is near") {
+TEST_CASE("settings: the error for an unknown key only suggests a similar key") {
   CHECK(usage_message("wohle", "1").find("did you mean 'whole'") != std::string::npos);
   CHECK(usage_message("zzzzzzzz", "1").find("did you mean") == std::string::npos);
   const std::vector<std::string> known{"set", "out", "iterations"};
@@ -150,7 +151,7 @@ TEST_CASE("settings: an unknown key suggests the nearest one only when it is nea
         std::string::npos);
 }
 
-TEST_CASE("settings: YAML that was written reads back exactly") {
+TEST_CASE("settings: written YAML is read back exactly") {
   const TempFolder folder;
   Sample s;
   s.whole = 9;
@@ -187,7 +188,7 @@ std::string yaml_message(const std::string& text) {
   return message_of([&] { load_yaml(bound(s), folder / "bad.yaml"); });
 }
 
-TEST_CASE("settings: mistakes in YAML are named with file, line and column") {
+TEST_CASE("settings: errors in YAML contain file, line and column") {
   CHECK(
       yaml_message("whole: 3\nwohle: 4\n").find("bad.yaml:2:1: unknown key 'wohle'; did you mean 'whole'") !=
       std::string::npos);
@@ -202,7 +203,8 @@ TEST_CASE("settings: mistakes in YAML are named with file, line and column") {
   CHECK(yaml_message("real: .nan\n").find("real = '.nan'") != std::string::npos);
 }
 
-TEST_CASE("settings: YAML that is nested deeply, grows by aliases or holds itself is refused at once") {
+TEST_CASE(
+    "settings: YAML that is nested deeply, grows by aliases or contains itself is rejected immediately") {
   const std::string deep(200'000, '[');
   CHECK(yaml_message("triple: " + deep).find("malformed YAML") != std::string::npos);
   CHECK(yaml_message("triple: " + deep + std::string(deep.size(), ']')).find("bad.yaml") !=
@@ -229,7 +231,7 @@ TEST_CASE("settings: YAML lists and empty files") {
         std::string::npos);
 }
 
-TEST_CASE("train settings: the defaults are inside their own ranges, and keys are unique") {
+TEST_CASE("train settings: the defaults are inside their ranges, and keys are unique") {
   TrainSettings settings;
   std::set<std::string> keys;
   const auto fields = bind_fields(settings, train_fields());
@@ -244,7 +246,7 @@ TEST_CASE("train settings: the defaults are inside their own ranges, and keys ar
   CHECK(settings.noise_lr == kAuto);
 }
 
-TEST_CASE("train settings: what is automatic depends on kernel and time, what is given stays") {
+TEST_CASE("train settings: automatic values depend on kernel and time, and given values are kept") {
   TrainSettings s;
   CHECK(resolve_automatic(s).lr_opacity == 0.05);
   CHECK(resolve_automatic(s).lr_scale == 0.005);
@@ -264,10 +266,10 @@ TEST_CASE("train settings: what is automatic depends on kernel and time, what is
   CHECK(s.lr_scale == kAuto);
 }
 
-// A member that is added to the struct and forgotten in the table would be lost in config.yaml. The
-// sizes of the table's members and of the struct differ by padding alone. list_counts, run_cameras and chosen
-// are none of a run's.
-TEST_CASE("train settings: the table names every member") {
+// A member of the struct that is missing from the table would be lost in config.yaml. The total size of the
+// members in the table may only differ from the size of the struct by padding. list_counts, run_cameras and
+// chosen are not settings of a run.
+TEST_CASE("train settings: the table contains every member") {
   const TrainSettings s;
   std::size_t listed = sizeof(s.list_counts) + sizeof(s.run_cameras) + sizeof(s.chosen);
   const auto size = [](auto member) {
@@ -278,7 +280,7 @@ TEST_CASE("train settings: the table names every member") {
   };
   for (const auto& field : train_fields()) listed += std::visit(size, field.member);
   CHECK(listed <= sizeof(TrainSettings));
-  // Observed 28 bytes of padding (g++ 12, x86-64); a forgotten real adds 8, a string or triple more.
+  // Observed padding: 28 bytes (g++ 12, x86-64). A missing real adds 8 bytes, a string or triple more.
   CHECK(sizeof(TrainSettings) - listed <= 35);
 }
 
@@ -312,12 +314,12 @@ TEST_CASE("train settings: combinations are checked") {
   set("frames", "4:300:2");
   CHECK(s.frames == IndexRange{4, 300, 2});
   set("frames", "10");
-  CHECK(to_string(s.frames) == "10");  // what config.yaml has is read again
+  CHECK(to_string(s.frames) == "10");  // the content of config.yaml is read again
   set("frames", "");
   CHECK(s.frames == IndexRange{});
   set("frames", "0");  // all
   CHECK(s.frames == IndexRange{});
-  // All three numbers, within the schedule.
+  // All three numbers must be within the schedule.
   for (const char* text : {"", "500", "500:25000", "500:100:1", "0:30001:1", "0:0:0"})
     CHECK(refused("refine", text));
   set("refine", "0:0:1");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splat files of other tools: every reader and writer, damage, real files, and the reduction of our splats to
-// Gaussians.
+// Tests third-party splat files: every reader and writer, damage, real files, and the conversion of ubs
+// splats to Gaussians.
 #include <sys/mman.h>
 
 #include <algorithm>
@@ -41,7 +41,7 @@ TEST_CASE("formats: 3DGS PLY keeps every bit", "[formats]") {
   }
 }
 
-TEST_CASE("formats: any order of properties, extra ones, DBS", "[formats]") {
+TEST_CASE("formats: any order of properties, additional properties, DBS", "[formats]") {
   TempFolder folder;
   const std::string names[] = {"rot_3",   "rot_2",   "rot_1", "rot_0",   "extra",      "scale_2",
                                "scale_1", "scale_0", "beta",  "opacity", "sh0_2",      "sh0_1",
@@ -66,13 +66,14 @@ TEST_CASE("formats: any order of properties, extra ones, DBS", "[formats]") {
   CHECK(model.row(l.rgb)[0] == 0.1f);
 }
 
-TEST_CASE("formats: SPZ and .splat return what they were given, within their quantisation", "[formats]") {
+TEST_CASE("formats: SPZ and .splat preserve values up to their quantisation", "[formats]") {
   TempFolder folder;
   const ImportedSplats splats = random_splats(300, 3);
   write_spz(folder / "a.spz", splats);
   CHECK(detect_splat_format(folder / "a.spz").name == "spz");
   Differences d = compare(splats, read_foreign_splats(folder / "a.spz"));
-  // Half a step of each field: 2^-13, 1/32, 1/510, 0.5 / 255 / 0.15, 1/256 (and the clamp of 0.9 at none).
+  // Half a quantisation step of each field: 2^-13, 1/32, 1/510, 0.5 / 255 / 0.15, 1/256. No value reaches the
+  // clamp at 0.9.
   CHECK(d.position <= 0.00013);
   CHECK(d.log_scale <= 0.0313);
   CHECK(d.rotation < 3e-6);
@@ -93,7 +94,7 @@ TEST_CASE("formats: SPZ and .splat return what they were given, within their qua
   CHECK(d.dc <= 0.00696);
 }
 
-TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[formats]") {
+TEST_CASE("formats: GLB preserves values and the translation to float32", "[formats]") {
   TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(70, degree);
@@ -119,7 +120,7 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
     bytes.replace(bytes.find(from), from.size(), to);
     return message_of([&] { parse_glb(std::as_bytes(std::span(bytes)), "b.glb"); });
   };
-  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 reaches beyond"));
+  CHECK_THAT(changed("\"count\":70", "\"count\":79"), Contains("b.glb: accessor 0 extends beyond"));
   CHECK_THAT(changed("\"ellipse\"", "\"ellipsx\""), Contains("kernel 'ellipsx'"));
   CHECK_THAT(changed("splatting:OPACITY", "splatting:OPACITx"), Contains("OPACITY is missing"));
   CHECK_THAT(changed("\"translation\":[100.0,2.5,-7.0]", "\"scale\":[1,1,2]               "),
@@ -158,17 +159,18 @@ TEST_CASE("formats: GLB keeps what it is given to float32, its place too", "[for
   CHECK(place(R"("matrix":[1,0,0,0,0,1,0,0,0,0,1,0,100,2.5,-7,1])") == moved);
   CHECK(place(R"("rotation":[0,0,0,1])") == std::array<double, 3>{});
   const auto refusal = [&](const std::string& fields) { return message_of([&] { place(fields); }); };
-  CHECK_THAT(refusal(R"("rotation":[0,0,0.001,1])"), Contains("a node with a rotation: only translations"));
-  CHECK_THAT(refusal(R"("rotation":[1,0,0,0])"), Contains("a node with a rotation"));
-  CHECK_THAT(refusal(R"("scale":[1,1.001,1])"), Contains("a node with a scale"));
-  CHECK_THAT(refusal(R"("matrix":[1,0,0,0,0,0,1,0,0,-1,0,0,0,0,0,1])"), Contains("a node with a matrix"));
-  CHECK_THAT(refusal(R"("scale":[1,1])"), Contains("the JSON does not fit"));
-  CHECK_THAT(refusal(move + R"(},{"mesh":0,"translation":[1,0,0])"), Contains("two nodes draw mesh 0"));
+  CHECK_THAT(refusal(R"("rotation":[0,0,0.001,1])"),
+             Contains("a node has a rotation, but only translations"));
+  CHECK_THAT(refusal(R"("rotation":[1,0,0,0])"), Contains("a node has a rotation"));
+  CHECK_THAT(refusal(R"("scale":[1,1.001,1])"), Contains("a node has a scale"));
+  CHECK_THAT(refusal(R"("matrix":[1,0,0,0,0,0,1,0,0,-1,0,0,0,0,0,1])"), Contains("a node has a matrix"));
+  CHECK_THAT(refusal(R"("scale":[1,1])"), Contains("the JSON does not match"));
+  CHECK_THAT(refusal(move + R"(},{"mesh":0,"translation":[1,0,0])"), Contains("two nodes refer to mesh 0"));
 }
 
-TEST_CASE("formats: SOG returns what it was given, within its books and palette", "[formats]") {
+TEST_CASE("formats: SOG preserves values up to its codebooks and palette", "[formats]") {
   TempFolder folder;
-  // Splats come back in another order: each is found by its place.
+  // The order of the splats changes, so each is identified by its position.
   const auto matched = [](const ImportedSplats& a, const ImportedSplats& b) {
     REQUIRE(a.count() == b.count());
     ImportedSplats out = b;
@@ -193,7 +195,7 @@ TEST_CASE("formats: SOG returns what it was given, within its books and palette"
     write_sog(folder / "a.sog", splats);
     CHECK(detect_splat_format(folder / "a.sog").name == "sog");
     const Differences d = compare(splats, matched(splats, read_foreign_splats(folder / "a.sog")));
-    // Half a step: of 16 bits over 2 ln 4 at |v| = 3, of about 256 numbers over the range, of 8 bits.
+    // Half a quantisation step: 16 bits over 2 ln 4 at |v| = 3, about 256 values over the range, or 8 bits.
     CHECK(d.position < 1.8e-4);  // 8.6e-5 observed
     CHECK(d.log_scale < 0.03);   // 0.016
     CHECK(d.rotation < 4e-5);    // 2.1e-5
@@ -202,7 +204,7 @@ TEST_CASE("formats: SOG returns what it was given, within its books and palette"
     CHECK(d.rest < 0.014);  // 0.007
     CHECK((degree == 0 || d.rest > 1e-4));
   }
-  // More splats than the palette has entries share those of their like.
+  // If there are more splats than entries of the palette, similar splats share an entry.
   ImportedSplats many = random_splats(70000, 1);
   for (std::size_t i = 0; i < many.count(); ++i)
     for (std::size_t k = 3; k < 12; ++k) many.sh[12 * i + k] = static_cast<float>(i % 50) / 60;
@@ -253,7 +255,7 @@ void sh_basis(const std::array<double, 3>& d, int degree, double* b) {
   b[15] = -0.5900435899266435 * x * (xx - 3 * yy);
 }
 
-// Colours (not clamped above) seen from `centre`: max(0, SH(direction) + 0.5), the rule of 3DGS.
+// Returns the colours as seen from `centre`, not clamped above: max(0, SH(direction) + 0.5), as in 3DGS.
 std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const std::array<double, 3>& centre) {
   std::vector<std::array<float, 3>> colours(s.count());
   const int degree = std::min(s.sh_degree, 3);
@@ -276,7 +278,7 @@ std::vector<std::array<float, 3>> colours_from(const ImportedSplats& s, const st
 
 }  // namespace
 
-TEST_CASE("formats: what SPZ cannot hold is said", "[formats]") {
+TEST_CASE("formats: values that SPZ cannot store are reported", "[formats]") {
   const TempFolder folder;
   ImportedSplats splats = random_splats(20, 1);
   CHECK(spz_remarks(splats).empty());
@@ -295,9 +297,9 @@ TEST_CASE("formats: what SPZ cannot hold is said", "[formats]") {
   CHECK(back.log_scales[1][2] == 5.9375f);
 }
 
-TEST_CASE("formats: SPZ turns harmonics like the positions", "[formats]") {
-  // A half turn about x must not change what is seen: the reader's turn is checked against the values of
-  // the harmonics themselves, for a file that is written turned.
+TEST_CASE("formats: SPZ rotates harmonics like the positions", "[formats]") {
+  // Rotating the file by half a turn about x must not change the colours. For a rotated file, the rotation of
+  // the reader is compared with the values of the harmonics themselves.
   TempFolder folder;
   const ImportedSplats splats = random_splats(20, 3);
   write_spz(folder / "a.spz", splats);
@@ -307,7 +309,7 @@ TEST_CASE("formats: SPZ turns harmonics like the positions", "[formats]") {
     for (std::size_t c = 0; c < 3; ++c) CHECK(std::abs(a[i][c] - b[i][c]) < 0.02);
 }
 
-TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[formats]") {
+TEST_CASE("formats: invalid splats are dropped and counted, and invalid files are rejected", "[formats]") {
   TempFolder folder;
   ImportedSplats splats = random_splats(10, 1);
   splats.positions[2][1] = std::numeric_limits<float>::quiet_NaN();
@@ -333,10 +335,10 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }), Contains("b.spz"));
   put(folder / "b.spz", spz + "x");
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.spz"); }),
-             Contains("b.spz: 1 bytes behind the end of the gzip data"));
+             Contains("b.spz: 1 bytes follow the end of the gzip data"));
   std::vector<std::byte> plain = inflate_gzip(std::as_bytes(std::span(spz)), 100000, "spz");
-  for (const auto& [more, message] :
-       {std::pair{1, "b.spz: 1 bytes behind the last splat"}, std::pair{999, "bytes its header allows"}}) {
+  for (const auto& [more, message] : {std::pair{1, "b.spz: 1 bytes follow the last splat"},
+                                      std::pair{999, "bytes that its header allows"}}) {
     plain.resize(plain.size() + more);
     const std::vector<std::byte> longer = deflate_gzip(plain);
     put(folder / "b.spz", {reinterpret_cast<const char*>(longer.data()), longer.size()});
@@ -344,11 +346,11 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   }
   put(folder / "b.splat", std::string(33, 'x'));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }),
-             Contains("33 bytes are no multiple"));
+             Contains("33 bytes is not a multiple"));
   put(folder / "b.splat", std::string(64, '\0'));
-  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }), Contains("no record makes sense"));
+  CHECK_THAT(message_of([&] { read_foreign_splats(folder / "b.splat"); }), Contains("none of its records"));
   CHECK_THAT(message_of([&] { write_splat32(folder / "e.splat", random_splats(0, 0)); }),
-             Contains("e.splat: .splat has no place for a model without splats"));
+             Contains("e.splat: a .splat file needs at least one splat"));
   CHECK(!std::filesystem::exists(folder / "e.splat"));
   std::string v4("NGSP\x04\0\0\0\xff\xff\xff\x7f\0\x0c\0\x05\x20\0\0\0", 20);
   v4.resize(200);
@@ -356,8 +358,8 @@ TEST_CASE("formats: bad splats are dropped and counted, bad files refused", "[fo
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "v4.spz"); }), Contains("stream 0"));
 }
 
-// zlib counts in 32 bits: what lies beyond was neither read nor, in a model of so many bytes, written.
-TEST_CASE("gzip: data of more than 4 GiB are seen whole", "[import]") {
+// zlib counts in 32 bits. Earlier versions neither read nor wrote the data beyond 4 GiB.
+TEST_CASE("gzip: data with more than 4 GiB are read completely", "[import]") {
   const std::vector<std::byte> packed = deflate_gzip(std::vector<std::byte>(100, std::byte{7}));
   const std::size_t beyond = std::size_t{1} << 32, bytes = packed.size() + beyond;
   void* const room =
@@ -367,11 +369,12 @@ TEST_CASE("gzip: data of more than 4 GiB are seen whole", "[import]") {
   const std::span file(static_cast<const std::byte*>(room), bytes);
   CHECK(inflate_gzip(file.first(packed.size()), 1000, "a").size() == 100);
   CHECK_THAT(message_of([&] { inflate_gzip(file, 1000, "a"); }),
-             Contains("a: 4294967296 bytes behind the end of the gzip data"));
+             Contains("a: 4294967296 bytes follow the end of the gzip data"));
   munmap(room, bytes);
 }
 
-// Published form: random rotations and scales, and further dimensions that have no influence.
+// Returns a model of the published form with random rotations and scales, and further dimensions without
+// influence.
 SplatModel neutral_model(std::size_t count, int dim) {
   SplatModel model(dim, count);
   const ParameterLayout l = model.layout();
@@ -410,7 +413,7 @@ TEST_CASE("reduce: splats that the query does not change keep covariance and opa
         for (std::size_t c = 0; c < 3; ++c)
           for (std::size_t k = 0; k < 3; ++k) expected[r][c] += m[r][k] * m[c][k] / (support * support);
       CHECK(relative_difference(expected, covariance(out, i)) < 1e-5);
-      // The neutral betas leave factors of 0.998 to 1.
+      // The neutral betas give factors from 0.998 to 1.
       CHECK(sigmoid_of(out.opacity_logits[i]) ==
             Approx(sigmoid_of(model.row(l.opacity)[i])).epsilon(dim == 3 ? 1e-6 : 0.006));
     }
@@ -439,7 +442,9 @@ TEST_CASE("reduce: kernel ratio", "[reduce]") {
   CHECK(support_ratio(4 * std::exp(2.0)) == Approx(7.78).epsilon(0.005));
 }
 
-TEST_CASE("reduce: a splat of one direction is faint from everywhere, solid when weighted", "[reduce]") {
+TEST_CASE(
+    "reduce: a splat that is visible from one direction gets a low mean opacity and a high weighted one",
+    "[reduce]") {
   SplatModel model = initialise_random(6, 50, 3);
   const ParameterLayout l(6);
   for (std::size_t i = 0; i < 50; ++i) {
@@ -453,12 +458,13 @@ TEST_CASE("reduce: a splat of one direction is faint from everywhere, solid when
   options.opacity = "max";
   const float largest = reduce_splats(model, options).opacity_logits[0];
   CHECK(sigmoid_of(mean) < 0.5f);
-  CHECK(sigmoid_of(largest) > 0.7f);  // the nearest of the 32 directions is 14 degrees off
+  CHECK(sigmoid_of(largest) > 0.7f);  // the nearest of the 32 directions differs by 14 degrees
   options.opacity = "some";
   CHECK_THAT(message_of([&] { reduce_splats(model, options); }, ErrorKind::usage), Contains("'some'"));
 }
 
-TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a step", "[formats][data]") {
+TEST_CASE("formats: UBSZ stores models exactly, or with errors of at most half a quantisation step",
+          "[formats][data]") {
   const TempFolder folder;
   ModelVariant variant;
   variant.cov_mode = CovMode::whiten;
@@ -479,15 +485,16 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
 
   SplatModel one = model.groups[1];
   for (std::size_t i = 0; i < one.values.size(); ++i)
-    one.values[i] = std::sin(1.7f * static_cast<float>(i));  // first values are alike in most rows
-  one.row(5)[7] = 1e6f;  // beyond three bytes of its step: the row stays as it is
+    one.values[i] = std::sin(1.7f * static_cast<float>(i));  // the first values are similar in most rows
+  one.row(5)[7] = 1e6f;  // needs more than three bytes at this step, so the row is stored exactly
   const auto rows = static_cast<std::size_t>(one.layout().count);
   UbszSteps steps{std::vector<double>(rows), std::vector<std::uint8_t>(one.count)};
   for (std::size_t r = 0; r < rows; ++r) steps.steps[r] = r < 3 ? 1e-3 : 0.01 * static_cast<double>(r);
   for (std::size_t i = 0; i < one.count; ++i) steps.classes[i] = static_cast<std::uint8_t>(i % 6);
   const SplatModel back = rounded(one, steps);
   REQUIRE(back.count == one.count);
-  // Splats are ordered by class, within it by place; sorted, each row has its values again.
+  // Splats are ordered by class, and by position within a class. After sorting, each row must contain the
+  // same values.
   std::size_t first = 0;
   for (unsigned k = 0; k < 6; ++k) {
     const std::size_t n = (one.count + 5 - k) / 6;
@@ -508,7 +515,7 @@ TEST_CASE("formats: UBSZ keeps models to the bit, or rounds each value by half a
     }
     first += n;
   }
-  // In levels: the groups of the second behind those of the first, by dimension.
+  // With levels, the groups of the second level follow those of the first, by dimension.
   const UbszLevel levels[] = {{MixedModel(model.groups[1]), {}, 20}, {model, {}, 50}};
   const UbszParts parts = pack_ubsz_levels(levels, comments);
   REQUIRE(parts.sizes.size() == 2);
@@ -547,7 +554,7 @@ TEST_CASE("formats: many levels of UBSZ are joined in their order", "[formats]")
   }
 }
 
-TEST_CASE("formats: small files that stand for huge models are refused", "[formats]") {
+TEST_CASE("formats: small files that announce huge models are rejected", "[formats]") {
   const TempFolder folder;
   const auto refusal = [&](std::span<const std::byte> bytes, const char* name) {
     write_file_atomically(folder / name, bytes);
@@ -561,9 +568,9 @@ TEST_CASE("formats: small files that stand for huge models are refused", "[forma
   CHECK_THAT(sog("{\"version\":2,\"count\":1,\"x\":[" + std::string(2'000'000, ' ') + "]}"),
              Contains("meta.json: 2000") && Contains("at most 1048576"));
   CHECK_THAT(sog("{\"version\":2,\"count\":100000}"),
-             Contains("100000 splats in ") && Contains("make no sense"));
+             Contains("100000 splats in ") && Contains("cannot be stored in"));
 
-  // A second primitive that shares all accessors of the first, and a fortieth.
+  // Adds a second primitive that shares all accessors of the first, and then up to 40 of them.
   write_glb(folder / "a.glb", random_splats(100, 0));
   const std::string glb = get(folder / "a.glb");
   std::uint32_t words = 0;
@@ -581,12 +588,13 @@ TEST_CASE("formats: small files that stand for huge models are refused", "[forma
     if (primitives == 2)
       CHECK(message.empty());
     else
-      CHECK_THAT(message,
-                 Contains("b.glb: 100 splats, behind 400 of other primitives, do not fit into the file"));
+      CHECK_THAT(
+          message,
+          Contains("b.glb: 100 splats, in addition to 400 of other primitives, do not fit into the file"));
   }
 }
 
-TEST_CASE("formats: files of other tools", "[formats][data]") {
+TEST_CASE("formats: third-party files", "[formats][data]") {
   UBS_REQUIRE_DATA(folder, "foreign_splats");
   const ImportedSplats graphdeco = read_foreign_splats(folder / "graphdeco_sh3_9080.ply");
   CHECK(graphdeco.count() == 9080);
@@ -595,7 +603,7 @@ TEST_CASE("formats: files of other tools", "[formats][data]") {
   CHECK(lego.count() == 20596);
   CHECK(lego.report.skipped.empty());
 
-  // The same scene in two formats: the same splats, so the same cloud of ellipsoids.
+  // The same scene in two formats must contain the same splats, so the same ellipsoids.
   const ImportedSplats packed = read_foreign_splats(folder / "supersplat_biker.compressed.ply");
   const ImportedSplats spz = read_foreign_splats(folder / "biker.spz");
   REQUIRE(packed.count() == 152746);
@@ -614,5 +622,5 @@ TEST_CASE("formats: files of other tools", "[formats][data]") {
       }
     }
   for (std::size_t a = 0; a < 3; ++a) CHECK(std::abs(mean_a[a] - mean_b[a]) < 1e-4);
-  CHECK(relative_difference(sum_a, sum_b) < 0.02);  // a wrong axis or sign gives 0.3 and more
+  CHECK(relative_difference(sum_a, sum_b) < 0.02);  // a wrong axis or sign gives 0.3 or more
 }

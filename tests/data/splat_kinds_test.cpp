@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Splat files as people bring them: what other programs write beside the plain formats, files that hold no
-// splats and what is said of them, and that nothing of a file is left out without a note.
+// Tests splat files that occur in practice: variations that other programs write, files without splats and
+// their error messages, and that every unused part of a file is reported.
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -21,12 +21,12 @@ using nlohmann::ordered_json;
 
 namespace {
 
-// How a 3DGS PLY differs from the plain one.
+// Describes how a 3DGS PLY file differs from the standard one.
 struct PlyKind {
-  std::vector<std::string> header_lines = {};  // behind the format
+  std::vector<std::string> header_lines = {};  // after the format line
   std::vector<std::string> extra = {};         // columns
   std::vector<std::string> without = {};
-  std::string blank = {};  // behind each line of the header
+  std::string blank = {};  // after each line of the header
   bool doubles = false, ascii = false;
   std::array<double, 3> origin{0, 0, 0};  // added to the positions
 };
@@ -48,7 +48,7 @@ std::string ply_of(const ImportedSplats& s, const PlyKind& kind = {}) {
     for (const std::string& name : names) {
       const std::size_t k =
           name.back() >= '0' && name.back() <= '9' ? static_cast<std::size_t>(name.back() - '0') : 0;
-      double v = 0.25;  // of the extra columns
+      double v = 0.25;  // of the additional columns
       if (name.size() == 1) v = s.positions[i][name[0] - 'x'] + kind.origin[name[0] - 'x'];
       if (name.starts_with("n")) v = 0;
       if (name.starts_with("f_dc")) v = s.sh[i * 3 * s.coefficients() + k];
@@ -75,7 +75,7 @@ std::string all_of(const std::vector<std::string>& remarks) {
 
 std::string remarks_of(const std::filesystem::path& path) { return all_of(load_splat_model(path).remarks); }
 
-// A glTF file with a changed JSON part.
+// Returns a glTF file with a modified JSON chunk.
 std::string changed_glb(const std::string& file, const std::function<void(ordered_json&)>& change) {
   std::uint32_t size = 0;
   std::memcpy(&size, file.data() + 12, sizeof size);
@@ -140,13 +140,13 @@ ImportedSplats splats_at(double x, std::size_t count, int degree = 0) {
   return splats;
 }
 
-// The number of splats whose x is within 4 of a place.
+// Returns the number of splats whose x differs from a position by at most 4.
 std::size_t count_near(const ImportedSplats& splats, double x) {
   return static_cast<std::size_t>(
       std::ranges::count_if(splats.positions, [x](const auto& p) { return std::abs(p[0] - x) < 4; }));
 }
 
-// SuperSplat's compressed PLY of one splat, with a further column.
+// Returns SuperSplat's compressed PLY with one splat and an additional column.
 std::string compressed_ply(const std::string& header_line, const std::string& column) {
   std::string text = "ply\nformat binary_little_endian 1.0\n" + header_line + "element chunk 1\n";
   for (const char* what : {"x", "y", "z", "scale_x", "scale_y", "scale_z"})
@@ -165,7 +165,7 @@ std::string compressed_ply(const std::string& header_line, const std::string& co
 
 }  // namespace
 
-TEST_CASE("kinds: blanks in the header, ascii rows and other number types are read", "[formats]") {
+TEST_CASE("kinds: spaces in the header, ascii rows and other number types are read", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(20, 0);
   for (const PlyKind& kind : {PlyKind{.blank = " "}, PlyKind{.blank = " \t\r"}, PlyKind{.ascii = true},
@@ -203,8 +203,8 @@ TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
   }
   put(folder / "2dgs.ply", ply_of(splats, {.without = {"scale_2"}}));
   expect_discs(read_foreign_splats(folder / "2dgs.ply"), "2DGS");
-  CHECK_THAT(remarks_of(folder / "2dgs.ply"), Contains("flat splats"));
-  // What lacks more than the third scale is no 2DGS file.
+  CHECK_THAT(remarks_of(folder / "2dgs.ply"), Contains("splats are flat"));
+  // A file that lacks more than the third scale is not a 2DGS file.
   put(folder / "no.ply", ply_of(splats, {.without = {"scale_2", "rot_3"}}));
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "no.ply"); }), Contains("'scale_2' is missing"));
 
@@ -223,13 +223,13 @@ TEST_CASE("kinds: flat splats are kept, with a vanishing scale", "[formats]") {
   put(folder / "flat.splat", records);
   CHECK(read_foreign_splats(folder / "flat.splat").count() == 30);
 
-  // What is no scale is dropped as before.
+  // Splats with invalid scales are dropped as before.
   splats.log_scales[3][0] = NAN, splats.log_scales[4][0] = INFINITY;
   put(folder / "a.ply", ply_of(splats));
   CHECK(read_foreign_splats(folder / "a.ply").count() == 28);
 }
 
-TEST_CASE("kinds: PLY files say that splats were trained with antialiasing, and so do ours", "[formats]") {
+TEST_CASE("kinds: PLY files of other tools and of ubs record training with antialiasing", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(5, 1);
   const std::pair<std::vector<std::string>, bool> kinds[] = {
@@ -272,7 +272,7 @@ TEST_CASE("kinds: PLY files say that splats were trained with antialiasing, and 
   write_gaussian_ply(folder / "b.ply", splats);
   CHECK_FALSE(read_foreign_splats(folder / "b.ply").antialiased);
   CHECK(get(folder / "b.ply").find("comment") == std::string::npos);
-  // The word of newer SOG files.
+  // The key that newer SOG files use.
   write_sog(folder / "a.sog", splats);
   auto members = members_of(folder / "a.sog");
   for (auto& [name, text] : members)
@@ -281,7 +281,7 @@ TEST_CASE("kinds: PLY files say that splats were trained with antialiasing, and 
   CHECK(read_foreign_splats(folder / "m.sog").antialiased);
 }
 
-TEST_CASE("kinds: double coordinates far away keep their digits by an offset", "[formats]") {
+TEST_CASE("kinds: double-precision coordinates far away keep their digits thanks to an offset", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(200, 0);
   const std::array<double, 3> utm{500123.4, 4649776.25, 100};
@@ -295,11 +295,11 @@ TEST_CASE("kinds: double coordinates far away keep their digits by an offset", "
       CHECK(std::abs(model.row(model.layout().xyz + k)[i] + loaded.offset[k] - splats.positions[i][k] -
                      utm[k]) < 1e-6);
   }
-  // The digits of an ascii file count, though its header says float.
+  // All digits of an ascii file are used, although its header states float.
   put(folder / "t.ply", ply_of(splats, {.ascii = true, .origin = utm}));
   CHECK(load_splat_model(folder / "t.ply").model.groups.front().values == model.values);
-  // The offset of the file counts as well, and splats far away, such as a sky, do not hide where the scene
-  // is.
+  // The offset of the file is added. Splats far away, such as a sky, do not influence the position of the
+  // scene.
   ImportedSplats sky = splats;
   for (std::size_t i = 0; i < 60; ++i) sky.positions[i][2] = 1e7f;
   put(folder / "b.ply",
@@ -322,7 +322,7 @@ TEST_CASE("kinds: SPZ without gzip is read", "[formats]") {
   CHECK(a.sh == b.sh);
 }
 
-TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder of its archive", "[formats]") {
+TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder inside its archive", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(50, 1);
   write_sog(folder / "a.sog", splats);
@@ -356,7 +356,7 @@ TEST_CASE("kinds: SOG as a folder, as meta.json, and in a folder of its archive"
   broken["means"]["maxs"][2] = nullptr;
   put(folder / "sog/meta.json", broken.dump());
   CHECK_THAT(message_of([&] { load_splat_model(folder / "sog"); }), Contains("means.maxs[2] is null"));
-  // A folder of data may have a file of that name too.
+  // A data folder may also contain a file with this name.
   put(folder / "data/meta.json", R"({"frames": []})");
   CHECK(find_splat_model(folder / "data").empty());
 }
@@ -414,7 +414,7 @@ TEST_CASE("kinds: SOG version 1", "[formats]") {
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "v3.sog"); }), Contains("SOG version 3"));
 }
 
-TEST_CASE("kinds: of a streamed SOG the finest level and the environment are read", "[formats]") {
+TEST_CASE("kinds: the finest level and the environment of a streamed SOG are read", "[formats]") {
   const TempFolder folder;
   put_sog_folder(folder / "s/0_0", splats_at(0, 30, 1));
   put_sog_folder(folder / "s/0_1", splats_at(100, 20, 1));
@@ -460,7 +460,8 @@ TEST_CASE("kinds: of a streamed SOG the finest level and the environment are rea
              Contains("no level of detail"));
 }
 
-TEST_CASE("kinds: glTF with logarithms or logits is told from glTF as the extension has it", "[formats]") {
+TEST_CASE("kinds: glTF with logarithms or logits is distinguished from glTF that follows the extension",
+          "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(40, 0);
   write_glb(folder / "a.glb", splats);
@@ -480,7 +481,7 @@ TEST_CASE("kinds: glTF with logarithms or logits is told from glTF as the extens
              Contains("accessor 3 (OPACITY): opacities from -") && Contains("0 to 1"));
 }
 
-TEST_CASE("kinds: what holds no splats is told by its name", "[formats]") {
+TEST_CASE("kinds: errors describe files without splats", "[formats]") {
   const TempFolder folder;
   const std::string ply = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n";
   const auto columns = [](std::initializer_list<const char*> names) {
@@ -493,24 +494,24 @@ TEST_CASE("kinds: what holds no splats is told by its name", "[formats]") {
   };
   const std::tuple<const char*, std::string, const char*> kinds[] = {
       {"p.ply", ply + columns({"x", "y", "z", "red"}) + "end_header\n" + std::string(32, 0),
-       "a point cloud of 2 points, no splats"},
+       "a point cloud with 2 points, but no splats"},
       {"m.ply",
        ply + columns({"x", "y", "z"}) +
            "element face 7\nproperty list uchar int vertex_indices\nend_header\n",
-       "a mesh of 2 vertices and 7 faces, no splats"},
+       "a mesh with 2 vertices and 7 faces, but no splats"},
       {"s.ply",
        ply +
            columns(
                {"x", "y", "z", "f_offset_0", "f_anchor_feat_0", "opacity", "scale_0", "scale_1", "rot_0"}) +
            "end_header\n",
-       "2 anchors of Scaffold-GS, no splats"},
+       "2 anchors of Scaffold-GS and no splats"},
       {"d.zip", zip_of({{"images/", ""}, {"images/a.png", "x"}, {"sparse/0/cameras.bin", "x"}}),
        "a ZIP archive of 3 files"},
       {"d.sog", zip_of({{"a.png", "x"}}), "unpack it first"},
       {"c.pth", zip_of({{"archive/data.pkl", "x"}}), "a PyTorch checkpoint"},
       {"l.sog", zip_of({{"lod-meta.json", "{}"}, {"0_0/meta.json", "{}"}}), "unpack it first"},
-      {"p.ply.gz", text("ply\nformat ascii 1.0\n"), "a PLY file, packed with gzip: unpack it first"},
-      {"x.gz", text("something else"), "packed with gzip: unpack it first"},
+      {"p.ply.gz", text("ply\nformat ascii 1.0\n"), "a PLY file compressed with gzip: unpack it first"},
+      {"x.gz", text("something else"), "compressed with gzip: unpack it first"},
       {"a.7z", "7z\xbc\xaf and more", "an archive: unpack it first"},
       {"transforms.json", R"({"frames": []})", "cameras of a data folder, no splats"},
       {"a.gltf", R"({"asset": {}, "meshes": []})", "save it as one binary file (.glb)"},
@@ -530,26 +531,27 @@ TEST_CASE("kinds: what holds no splats is told by its name", "[formats]") {
   CHECK_THAT(describe_file(folder / "d.zip"), Contains("unpack it first"));
 }
 
-TEST_CASE("kinds: a file of whose splats none can be drawn is an error", "[formats]") {
+TEST_CASE("kinds: a file without any valid splat is an error", "[formats]") {
   const TempFolder folder;
   ImportedSplats splats = random_splats(12, 0);
   for (auto& q : splats.rotations) q = {0, 0, 0, 0};
   put(folder / "a.ply", ply_of(splats));
   for (const auto& read : {std::function<void()>([&] { read_foreign_splats(folder / "a.ply"); }),
                            std::function<void()>([&] { load_splat_model(folder / "a.ply"); })})
-    CHECK_THAT(message_of(read), Contains("none of its 12 splats can be drawn: rotation is no quaternion"));
+    CHECK_THAT(message_of(read),
+               Contains("none of its 12 splats can be rendered: rotation is no quaternion"));
 }
 
-TEST_CASE("kinds: names in notes are short", "[formats]") {
+TEST_CASE("kinds: long names in notes are shortened", "[formats]") {
   CHECK(list_names({"motion_0", "motion_1", "motion_2", "t", "omega_3", "omega_4", "a_1", "a_3", "7"}) ==
         "motion_0 to motion_2, t, omega_3, omega_4, a_1, a_3, 7");
 }
 
-// Every row of the table of formats is asked for a file with a surplus in it.
-TEST_CASE("silence: no reader leaves out a part of its file without a note", "[formats]") {
+// There must be a test file with an unused part for every row of the table of formats.
+TEST_CASE("silence: every reader reports the parts of a file that it does not use", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(1, 0);
-  // A further column, of the only row, behind the others.
+  // An additional column after the others of the only row.
   const auto with_column = [&](const std::filesystem::path& path) {
     put(path,
         replaced(get(path), "end_header\n", "property float surplus\nend_header\n") + std::string(4, '\0'));
@@ -592,7 +594,7 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
          write_spz(path, splats);
          const std::string packed = get(path);
          std::string plain = text_of(inflate_gzip(std::as_bytes(std::span(packed)), 1 << 16, "test"));
-         plain[14] = 0x40;  // a flag: its number stands for its name
+         plain[14] = 0x40;  // a flag, whose number is printed instead of a name
          put(path, plain);
        }},
       {"sog",
@@ -642,7 +644,7 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
          write_usda(path, splats);
          put(path, get(path) + "def Mesh \"surplus\" {}\n");
        }},
-      // A record has 32 bytes, all of which are used; what is dropped is counted.
+      // All 32 bytes of a record are used, and dropped records are counted.
       {"splat", [&](const auto& path) {
          write_splat32(path, random_splats(2, 0));
          std::string bytes = get(path);
@@ -653,7 +655,7 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
                                                       {"splat", "1 dropped: position not finite"}};
   for (const SplatFormat& format : splat_formats()) {
     INFO(format.name);
-    // OpenUSD turns the binary form into text, which the same reader reads (tests/data/usd_test.py).
+    // OpenUSD converts the binary form to text, which the same reader reads (tests/data/usd_test.py).
     if (format.name == "usdc") continue;
     REQUIRE(surplus.contains(format.name));
     const auto [begin, end] = surplus.equal_range(format.name);
@@ -675,7 +677,7 @@ TEST_CASE("silence: no reader leaves out a part of its file without a note", "[f
   }
 }
 
-TEST_CASE("silence: columns of known methods are named with what they mean", "[formats]") {
+TEST_CASE("silence: notes explain the columns of known methods", "[formats]") {
   const TempFolder folder;
   const ImportedSplats splats = random_splats(3, 0);
   PlyKind motion;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The procedural data sets: ordinary folders, reproducible, view- and time-dependent, never over
-// somebody else's files.
+// Tests the synthetic data sets: they are ordinary folders, reproducible, and depend on view and time, and
+// they never overwrite files of the user.
 #include "host/data/synthetic.hpp"
 
 #include <algorithm>
@@ -36,7 +36,7 @@ std::map<std::string, std::string> contents(const std::filesystem::path& folder)
   return files;
 }
 
-// Alpha of a file we wrote: white background minus black background.
+// Returns the alpha of a written image, from its difference between a white and a black background.
 std::vector<int> alpha_of(const std::filesystem::path& png) {
   const Image8 black = load_image(png), white = load_image(png, {1, 1, 1});
   std::vector<int> alpha;
@@ -77,7 +77,7 @@ TEST_CASE("synthetic: every scene is an ordinary data set", "[synthetic]") {
     }
 }
 
-TEST_CASE("synthetic: equal seeds give equal bytes, other seeds other views", "[synthetic]") {
+TEST_CASE("synthetic: equal seeds give equal bytes, and different seeds different views", "[synthetic]") {
   TempFolder folder;
   export_synthetic(small("cloud", 5), folder / "a");
   export_synthetic(small("cloud", 5), folder / "b");
@@ -91,11 +91,12 @@ TEST_CASE("synthetic: the pixels agree with the cameras", "[synthetic]") {
   SyntheticOptions options = small("orbit");
   options.width = options.height = 60;
   export_synthetic(options, folder.path());
-  // The slab has half width 0.98 and its upper side at height -0.62: alpha is set well inside of its
-  // corners and clear in front of and below the edges that face the camera.
+  // The slab has a half width of 0.98, and its upper side is at height -0.62. Alpha must be 1 well inside of
+  // its corners, and 0 in front of and below the edges that face the camera.
   int inside_count = 0, outside_count = 0;
   for (const View& view : load_blender_split(folder.path(), "train").views) {
-    if (view.camera.centre()[2] < 1.2) continue;  // seen so flat, the border is a pixel away from anything
+    if (view.camera.centre()[2] < 1.2)
+      continue;  // at such a flat angle, the border is a pixel away from everything
     const auto alpha = alpha_of(folder / ("train/" + view.name + ".png"));
     const auto alpha_at = [&](double x, double y, double z) {
       const Camera& c = view.camera;
@@ -154,7 +155,7 @@ TEST_CASE("synthetic: orbit covers the whole time range and moves", "[synthetic]
   CHECK_THAT(get(folder / "static/transforms_train.json"), !Contains("\"time\""));
 }
 
-TEST_CASE("synthetic: files of its names are replaced only if asked for, others never", "[synthetic]") {
+TEST_CASE("synthetic: files with its names are only replaced on request, and others never", "[synthetic]") {
   TempFolder folder;
   export_synthetic(small("orbit"), folder / "a");
   put(folder / "a/train/notes.txt", "mine");

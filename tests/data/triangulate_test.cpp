@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points from pictures: of a textured plane that five cameras see, which lie on it.
+// Tests that points triangulated from five images of a textured plane are on the plane.
 #include "host/data/triangulate.hpp"
 
 #include <algorithm>
@@ -16,7 +16,8 @@ namespace {
 constexpr int kWidth = 320, kHeight = 240;
 constexpr double kFocal = 300, kDistance = 4;
 
-// A plane of random spots at depth kDistance before the first camera, as the camera at `x` sees it.
+// Returns the image of the camera at `x`: a plane with random spots at the depth kDistance in front of the
+// first camera.
 View plane_seen_from(double x, const cv::Mat& texture) {
   View view;
   view.name = std::to_string(x);
@@ -47,7 +48,7 @@ std::vector<View> views_of_plane() {
 
 }  // namespace
 
-TEST_CASE("corners of a plane and pixels between them are placed on it") {
+TEST_CASE("keypoints of a plane, and pixels between them, are placed on the plane") {
   const std::vector<View> views = views_of_plane();
   const Triangulation found = triangulate(views, 500, 3);
   const auto& points = found.points.positions;
@@ -62,13 +63,13 @@ TEST_CASE("corners of a plane and pixels between them are placed on it") {
   const auto between = points.begin() + static_cast<std::ptrdiff_t>(found.corners);
   CHECK(on_plane(points.begin(), between) > 0.98);
   CHECK(on_plane(between, points.end()) > 0.98);
-  // In the colours of the pixels that they were found in.
+  // Points have the colours of the pixels in which they were found.
   CHECK(std::ranges::count(found.points.colours, std::array<std::uint8_t, 3>{}) < 10);
   CHECK(triangulate(views, 500, 3).points.positions == points);
   CHECK(triangulate(views, 0, 3).points.positions.size() == found.corners);
 }
 
-TEST_CASE("a patch is found again at its depth") {
+TEST_CASE("a patch is matched at its depth") {
   const std::vector<View> views = views_of_plane();
   std::vector<GreyPicture> pictures;
   for (const View& view : views) {
@@ -81,16 +82,16 @@ TEST_CASE("a patch is found again at its depth") {
   REQUIRE_FALSE(patch.plain());
   CHECK(patch.agreement(pictures[2], kDistance) == Approx(1).margin(1e-5));
   CHECK(patch.agreement(pictures[1], kDistance) > 0.95);
-  CHECK(patch.agreement(pictures[1], 0.5 * kDistance) < 0.7);  // smooth spots are alike
+  CHECK(patch.agreement(pictures[1], 0.5 * kDistance) < 0.7);  // smooth spots look alike
   const std::array<const GreyPicture*, 2> others{&pictures[1], &pictures[3]};
   const auto depth = patch.best_depth(others, 2, 8, 61, 0.8);
   REQUIRE(depth);
   CHECK(std::abs(*depth - kDistance) < 0.15);
-  CHECK_FALSE(patch.best_depth(others, 1, 2, 20, 0.8));  // nowhere near
-  CHECK(Patch(pictures[2], {2, 120}).plain());           // not wholly in the picture
+  CHECK_FALSE(patch.best_depth(others, 1, 2, 20, 0.8));  // far from its depth
+  CHECK(Patch(pictures[2], {2, 120}).plain());           // partly outside of the image
 }
 
-TEST_CASE("pictures without texture give no points") {
+TEST_CASE("images without texture give no points") {
   std::vector<View> views = views_of_plane();
   for (View& view : views) std::ranges::fill(view.image.rgb, std::uint8_t{90});
   CHECK(triangulate(views, 100, 3).points.positions.empty());

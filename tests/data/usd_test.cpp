@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenUSD files with splats: what is written, against the numbers in the text read by strtof; what is read,
-// also from text in the many forms that the format allows; series of moments. tests/data/usd_test.py compares
-// with OpenUSD itself.
+// Tests OpenUSD files with splats: written files, by reading the numbers in the text with strtof(); reading,
+// including the many forms of text that the format allows; and series of time samples. tests/data/usd_test.py
+// compares with OpenUSD itself.
 #include <cstdlib>
 
 #include "host/base/child_process.hpp"
@@ -18,7 +18,8 @@ using Catch::Contains;
 
 namespace {
 
-// The numbers between the first '[' behind `attribute`, or behind `sample` if one is named, and the next ']'.
+// Returns the numbers between the first '[' after `attribute` (or after `sample`, if it is not empty) and the
+// next ']'.
 std::vector<float> numbers_of(const std::string& text, const std::string& attribute,
                               const std::string& sample = "") {
   std::size_t at = text.find(" " + attribute + (sample.empty() ? " = " : ".timeSamples = {"));
@@ -42,7 +43,7 @@ std::vector<float> numbers_of(const std::string& text, const std::string& attrib
   return numbers;
 }
 
-// The smallest layer with one splat of the schema; `more` stands in the prim.
+// Returns the smallest layer with one splat of the schema. `more` is inserted into the prim.
 std::string layer_of(const std::string& more, const std::string& metadata = "") {
   return "#usda 1.0\n" + metadata +
          "\ndef ParticleField3DGaussianSplat \"S\"\n{\n  point3f[] positions = [(1, 2, 3)]\n" + more + "}\n";
@@ -64,7 +65,7 @@ std::string refusal_of(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("usd: the text holds every number, turned so that y points up", "[formats]") {
+TEST_CASE("usd: the text contains every number, rotated so that y points up", "[formats]") {
   const TempFolder folder;
   for (const int degree : {0, 1, 2, 3}) {
     ImportedSplats splats = random_splats(40, degree);
@@ -94,14 +95,14 @@ TEST_CASE("usd: the text holds every number, turned so that y points up", "[form
       const auto& p = splats.positions[i];
       const auto& q = splats.rotations[i];
       CHECK((places[3 * i] == p[0] && places[3 * i + 1] == -p[1] && places[3 * i + 2] == -p[2]));
-      // The half turn about x is the quaternion (0, 1, 0, 0); it changes the axes, so it stands on both
-      // sides.
+      // The half turn about x is the quaternion (0, 1, 0, 0). It changes the axes, so it is multiplied from
+      // both sides.
       CHECK((turns[4 * i] == q[0] && turns[4 * i + 1] == q[1] && turns[4 * i + 2] == -q[2] &&
              turns[4 * i + 3] == -q[3]));
       for (std::size_t k = 0; k < 3; ++k)
         CHECK(scales[3 * i + k] == Approx(std::exp(splats.log_scales[i][k])).epsilon(3e-7));
       CHECK(opacities[i] == Approx(1 / (1 + std::exp(-splats.opacity_logits[i]))).epsilon(3e-7));
-      // Three standard deviations lie within the extent.
+      // The extent includes three standard deviations.
       if (i == 3) continue;
       const auto c = covariance_of({q[0], q[1], q[2], q[3]},
                                    {std::exp(splats.log_scales[i][0]), std::exp(splats.log_scales[i][1]),
@@ -131,7 +132,7 @@ TEST_CASE("usd: the text holds every number, turned so that y points up", "[form
         std::vector<std::string>{"ubs_up 0 -1 0", "ubs_offset 4321987.0625 -2.5 7"});
 }
 
-TEST_CASE("usd: what cannot be written is refused or said", "[formats]") {
+TEST_CASE("usd: values that cannot be written are rejected or reported", "[formats]") {
   const TempFolder folder;
   ImportedSplats splats = random_splats(5, 1);
   splats.sh[17] = std::numeric_limits<float>::quiet_NaN();
@@ -150,7 +151,7 @@ TEST_CASE("usd: what cannot be written is refused or said", "[formats]") {
   CHECK(format_of_extension("a") == nullptr);
 }
 
-TEST_CASE("usd: a series is time samples of what changes", "[formats]") {
+TEST_CASE("usd: a series contains time samples of changing values", "[formats]") {
   const TempFolder folder;
   std::vector<ImportedSplats> moments(3, random_splats(20, 1));
   for (std::size_t m = 0; m < 3; ++m)
@@ -173,7 +174,7 @@ TEST_CASE("usd: a series is time samples of what changes", "[formats]") {
   }
   const ImportedSplats first = read_foreign_splats(folder / "a.usda");
   CHECK(first.positions == moments[0].positions);
-  CHECK_THAT(notes_of(first), Contains("3 moments, time codes 0 to 2: 0 is read; 'ubs convert --time'"));
+  CHECK_THAT(notes_of(first), Contains("3 time samples, time codes 0 to 2: 0 is read; 'ubs convert --time'"));
   for (const auto& [time, moment] : {std::pair{0.0, 0}, {0.3, 1}, {0.6, 1}, {1.0, 2}}) {
     const ImportedSplats read = read_foreign_splats(folder / "a.usda", time);
     CHECK(read.positions == moments[static_cast<std::size_t>(moment)].positions);
@@ -185,11 +186,11 @@ TEST_CASE("usd: a series is time samples of what changes", "[formats]") {
              Contains("requires a file with time"));
   write_spz(folder / "s.spz", moments[0]);
   CHECK_THAT(message_of([&] { read_foreign_splats(folder / "s.spz", 0.5); }, ErrorKind::usage),
-             Contains("no moments to choose"));
+             Contains("no time samples to choose"));
   CHECK_THAT(message_of([&] { load_splat_model(folder / "s.spz", 0.5); }, ErrorKind::usage),
-             Contains("no moments to choose"));
+             Contains("no time samples to choose"));
 
-  // Harmonics and numbers of splats that change.
+  // Harmonics and the number of splats change.
   for (float& v : moments[1].sh) v *= 0.5f;
   moments[2] = part_of(moments[2], 0, 7);
   write_usda_series(folder / "b.usda", SplatSeries(moments));
@@ -200,19 +201,19 @@ TEST_CASE("usd: a series is time samples of what changes", "[formats]") {
   }
 }
 
-TEST_CASE("usd: moments of a series are prepared for interpolation", "[formats]") {
+TEST_CASE("usd: time samples of a series are prepared for interpolation", "[formats]") {
   const ImportedSplats base = random_splats(6, 0);
   std::vector<ImportedSplats> moments(4, base);
   const float hidden = -16;
   for (std::size_t m = 0; m < 4; ++m) {
     moments[m].opacity_logits[0] = hidden;  // never visible
-    if (m != 1) {                           // splat 1: visible at moment 1 alone, elsewhere anywhere
+    if (m != 1) {  // splat 1: only visible at time sample 1, and at any position otherwise
       moments[m].opacity_logits[1] = hidden;
       moments[m].positions[1] = {0, 0, 0};
     }
   }
   for (float& q : moments[1].rotations[2]) q = -q;
-  // The same ellipsoid with other names of its axes: a quarter turn about z exchanges x and y.
+  // The same ellipsoid with its axes in a different order: a quarter turn about z exchanges x and y.
   const auto [w, x, y, z] = base.rotations[3];
   const float h = std::sqrt(0.5f);
   moments[2].rotations[3] = {h * (w - z), h * (x + y), h * (y - x), h * (z + w)};
@@ -232,7 +233,8 @@ TEST_CASE("usd: moments of a series are prepared for interpolation", "[formats]"
     CHECK(s.log_scales[2] == base.log_scales[3]);
   }
 
-  // Other numbers of splats: nothing to prepare. Equal numbers are made unequal, so that nobody interpolates.
+  // If the numbers of splats differ, nothing is prepared. Equal numbers are made unequal, so that readers do
+  // not interpolate.
   moments[3] = part_of(base, 0, 5);
   SplatSeries apart(moments);
   CHECK(!apart.finish(0.5f));
@@ -247,7 +249,7 @@ TEST_CASE("usd: text in every form that the format allows", "[formats]") {
   const ImportedSplats plain = parsed(layer_of(""));
   REQUIRE(plain.count() == 1);
   CHECK(plain.positions[0] == std::array<float, 3>{1, -2, -3});
-  // The schema's defaults: no rotation, scale 1, opaque, grey.
+  // The defaults of the schema are: no rotation, scale 1, opaque, grey.
   CHECK(plain.rotations[0] == std::array<float, 4>{1, 0, 0, 0});
   CHECK(plain.log_scales[0] == std::array<float, 3>{0, 0, 0});
   CHECK(plain.opacity_logits[0] == kMaxLogit);
@@ -307,10 +309,10 @@ def Xform "World" ( kind = "group" prepend apiSchemas = ["A"] )
   CHECK(s.positions[1] == std::array<float, 3>{4, -5, -6});
   CHECK(s.rotations[1] == std::array<float, 4>{0.5, 0.5, -0.5, -0.5});
   CHECK(s.log_scales[1][0] == std::log(4.0f));
-  // OpenUSD prints halves with six digits: the half that is meant is 574 / 1024.
+  // OpenUSD prints half-precision numbers with six digits. The exact value is 574 / 1024.
   CHECK(s.opacity_logits[1] == logit_of(574.0 / 1024));
   CHECK(s.sh_degree == 1);
-  // Of degree 1 the coefficients go with y, z, x: the first two change their sign.
+  // The coefficients of degree 1 correspond to y, z, x, so the first two change their sign.
   CHECK(s.sh[3 + 1] == -1);
   CHECK(s.sh[6 + 1] == -2);
   CHECK(s.sh[9 + 1] == 3);
@@ -320,7 +322,7 @@ def Xform "World" ( kind = "group" prepend apiSchemas = ["A"] )
 
   const ImportedSplats up = parsed(layer_of("", "(\n upAxis = \"Z\"\n metersPerUnit = 0.01\n)"));
   CHECK(up.positions[0] == std::array<float, 3>{1, 2, 3});
-  CHECK_THAT(notes_of(up), Contains("z axis points up") && Contains("a unit of 0.01 m"));
+  CHECK_THAT(notes_of(up), Contains("z axis points up") && Contains("the unit of length is 0.01 m"));
   // Two prims in different places are joined.
   const std::string two = layer_of("") + R"usd(
 def ParticleField3DGaussianSplat "T" { point3f[] positions = [(1, 1, 1)]
@@ -330,17 +332,17 @@ def ParticleField3DGaussianSplat "T" { point3f[] positions = [(1, 1, 1)]
   const ImportedSplats joined = parsed(two);
   REQUIRE(joined.count() == 2);
   CHECK(joined.positions[1] == std::array<float, 3>{11, -1, -1});
-  CHECK_THAT(notes_of(joined), Contains("T: opacities has more numbers"));
+  CHECK_THAT(notes_of(joined), Contains("T: opacities has more values"));
 }
 
-TEST_CASE("usd: what cannot be read is an error that names it", "[formats]") {
+TEST_CASE("usd: errors describe what cannot be read", "[formats]") {
   const auto with = [](const std::string& more) { return refusal_of(layer_of(more)); };
   const std::string op = "  uniform token[] xformOpOrder = [\"xformOp:";
   CHECK_THAT(with("  float xformOp:rotateX = 90\n" + op + "rotateX\"]\n"),
              Contains("t.usda: the prim S has the operation xformOp:rotateX: only translations"));
   CHECK_THAT(with("  float3 xformOp:scale = (1, 2, 1)\n" + op + "scale\"]\n"), Contains("only translations"));
   CHECK_THAT(with("  float xformOp:rotateX = nan\n" + op + "rotateX\"]\n"), Contains("only translations"));
-  CHECK(with("  float xformOp:rotateX = 90\n").empty());  // not in the order: not applied
+  CHECK(with("  float xformOp:rotateX = 90\n").empty());  // not in the list of operations, so not applied
   CHECK_THAT(with("  float3[] scales = [(-1, -2, -3)]\n"), Contains("linear scales (are these logarithms?)"));
   CHECK_THAT(with("  float[] opacities = [3]\n"), Contains("from 0 to 1 (are these logits?)"));
   CHECK_THAT(with("  float[] opacities = [x]\n"), Contains("t.usda, line 6: 'x' is not a number"));
@@ -352,12 +354,12 @@ TEST_CASE("usd: what cannot be read is an error that names it", "[formats]") {
              Contains("--time requires a file with time samples"));
   CHECK_THAT(refusal_of("#usda 1.0\ndef Xform \"X\" ( references = @s.usdc@</S> (offset = 1) ) { }"),
              Contains("1 prims, none of the type") && Contains("usdcat --flatten"));
-  CHECK_THAT(refusal_of("#usda 1.0\n"), Contains("without splats"));
+  CHECK_THAT(refusal_of("#usda 1.0\n"), Contains("has no splats"));
   CHECK_THAT(refusal_of("#usdb"), Contains("not a USD text file"));
   std::string deep = "#usda 1.0\n";
   for (int i = 0; i < 100000; ++i) deep += "def \"a\" {";
-  CHECK_THAT(refusal_of(deep), Contains("inside each other"));
-  // A file that is cut off anywhere is an error or, behind the last bracket, complete.
+  CHECK_THAT(refusal_of(deep), Contains("nested deeper than"));
+  // A file that is truncated anywhere is an error, unless only text after the last bracket is missing.
   const std::string whole =
       layer_of("  float[] opacities.timeSamples = { 0: [0.5], }\n", "( doc = '''x''' )");
   for (std::size_t size = 6; size + 2 < whole.size(); ++size) {
@@ -366,7 +368,7 @@ TEST_CASE("usd: what cannot be read is an error that names it", "[formats]") {
   }
 }
 
-TEST_CASE("usd: the binary form is made by OpenUSD, and without it .usda is named", "[formats]") {
+TEST_CASE("usd: OpenUSD converts the binary form, and without it the error suggests .usda", "[formats]") {
   const TempFolder folder;
   const std::string before = std::getenv("PATH") ? std::getenv("PATH") : "";
   setenv("PATH", folder.path().c_str(), 1);
@@ -375,7 +377,7 @@ TEST_CASE("usd: the binary form is made by OpenUSD, and without it .usda is name
   put(folder / "b.usdc", "PXR-USDC and more");
   CHECK(detect_splat_format(folder / "b.usdc").name == "usdc");
   const std::string reading = message_of([&] { read_foreign_splats(folder / "b.usdc"); }, ErrorKind::usage);
-  // A usdcat that does what is asked, and one that fails.
+  // A usdcat that works, and one that fails.
   put(folder / "usdcat", "#!/bin/sh\nif [ $# = 3 ]; then read line < $1; echo \"$line\" > $3; fi\n");
   std::filesystem::permissions(folder / "usdcat", std::filesystem::perms::owner_all);
   write_usdc(folder / "c.usdc", random_splats(2, 0));

@@ -28,7 +28,7 @@ from gaussian_maths import colour, covariances
 
 UBS = sys.argv[1]
 COUNT = 500
-# The commands that ubs runs must find this Python.
+# The commands that ubs runs must use this Python.
 os.environ["PATH"] = str(Path(sys.executable).parent) + os.pathsep + os.environ["PATH"]
 TURN = np.diag([1.0, -1.0, -1.0])
 SH = "radiance:sphericalHarmonicsCoefficients"
@@ -61,7 +61,7 @@ def read_ply(path):
 
 
 class Table:
-    """The parts of a PLY table of 3DGS."""
+    """Splits the table of a 3DGS PLY file into its parts."""
 
     def __init__(self, table, degree):
         self.places, self.coefficients = table[:, :3], (degree + 1) ** 2
@@ -81,7 +81,7 @@ def random_table(rng, degree):
         ],
         1,
     ).astype("<f4")
-    # Any float32 that is finite, denormals too: the digits in the text must give the same bits.
+    # The values may be any finite float32, including denormals. The digits in the text must give the same bits.
     bits = rng.integers(0, 2**32, (COUNT // 2, 3), dtype=np.uint64).astype(np.uint32).view(np.float32)
     table[: COUNT // 2, :3] = np.where(np.isfinite(bits), bits, 1)
     return table
@@ -92,7 +92,7 @@ def quaternions(values):
 
 
 def values_of(prim, time):
-    """The numbers of the splats at a time code, as OpenUSD gives them."""
+    """Returns the values of the splats at a time code, as read by OpenUSD."""
     get = lambda name: prim.GetAttribute(name).Get(time)
     rest = (np.array(get(name)) for name in ("scales", "opacities", SH))
     return np.array(get("positions")), quaternions(get("orientations")), *rest
@@ -151,7 +151,7 @@ def check_splats(values, table):
 
 
 def check_back(path, table, degree, folder, offset=None):
-    """What ubs reads from the file is what the file was made from."""
+    """Tests that ubs reads the values that the file was created from."""
     ubs("convert", path, folder / "back.ply", "--to", "3dgs", "--overwrite")
     back, found, comments = read_ply(folder / "back.ply")
     assert found == degree
@@ -199,7 +199,7 @@ def check_still(folder):
 
 
 def check_foreign(folder):
-    """A stage as another program makes it: half precision, below a translated prim, z up, with samples."""
+    """Creates a stage like another program: half precision, below a translated prim, z up, with time samples."""
     stage = Usd.Stage.CreateNew(str(folder / "foreign.usda"))
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
@@ -223,7 +223,7 @@ def check_foreign(folder):
     for name in ("foreign.usda", "foreign.usdc"):
         for time, p in zip(("0", "1"), places):
             said = ubs("convert", folder / name, folder / "f.ply", "--to", "3dgs", "--time", time, "--overwrite")
-            assert "2 moments, time codes 10.5 to 20" in said and "z axis points up" in said, said
+            assert "2 time samples, time codes 10.5 to 20" in said and "z axis points up" in said, said
             rows, degree, comments = read_ply(folder / "f.ply")
             found = Table(rows, degree)
             assert degree == 1 and np.array_equal(found.places, p.astype(np.float32))
@@ -235,7 +235,7 @@ def check_foreign(folder):
 
 
 def check_series(folder):
-    """Time samples are the moments that `--time` exports one by one."""
+    """Tests that time samples are equal to the models that `--time` exports one by one."""
     ubs("synth", "orbit", "--out", folder / "data", "--size", 40, "--views", 8, "--test-views", 1)
     short = ["--iterations", 60, "--init-points", 600, "--quiet"]
     ubs("train", folder / "data", "--out", folder / "run", "--dim", 7, *short)
@@ -252,7 +252,7 @@ def check_series(folder):
             rows, degree, _ = read_ply(folder / "t.ply")
             table = Table(rows, degree)
             places, wxyz, scales, opacities, sh = values_of(prim, moment)
-            # The file keeps splats that are invisible at this moment; the others have the order of the PLY file.
+            # The file also contains splats that are invisible at this time. The others have the order of the PLY file.
             visible = opacities >= np.float32(1 / 255)
             assert visible.sum() == len(rows), (visible.sum(), len(rows))
             assert visible.sum() > 100
@@ -265,17 +265,17 @@ def check_series(folder):
             assert np.array_equal(back.places, (places * [1, -1, -1]).astype(np.float32))
             if moment > 0:
                 moved = max(moved, np.abs(places - values_of(prim, 0)[0]).max())
-                # OpenUSD interpolates between moments, and the ellipsoids do not tumble on the way.
+                # OpenUSD interpolates between time samples, and the ellipsoids must not tumble in between.
                 before, after = values_of(prim, moment - 1), values_of(prim, moment)
                 half = values_of(prim, moment - 0.5)
                 assert np.allclose(half[0], (before[0] + after[0]) / 2, atol=1e-6)
                 dots = np.abs((before[1] * after[1]).sum(1))
-                # Half the angle between two moments: 45 degrees at most, where axes are named alike.
+                # Half of the angle between two time samples is at most 45 degrees if the axes have the same order.
                 assert dots.min() > 0.7, dots.min()
         assert moved > 0.001, moved  # 0.0035 observed: the training is short
     said = ubs("convert", folder / "run", folder / "still.usda", "--time", 0.5)
-    assert "--series K stores K moments" in said
-    # Moments that were distilled do not belong together: OpenUSD must not interpolate.
+    assert "store K of them with --series K" in said
+    # Splats of different distilled time samples do not correspond, so OpenUSD must not interpolate.
     ubs("convert", folder / "run", folder / "d.usda", "--series", 2, "--distill", "0.001s", "--degree", 1)
     stage, prim = open_stage(folder / "d.usda")
     first, between, last = (np.array(prim.GetAttribute("positions").Get(t)) for t in (0, 0.5, 1))

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Values that no camera, point or file can have are refused by the loader of every layout, with the file and
-// the frame: host/scene/camera.hpp has the limits.
+// Tests that the loader of every layout rejects invalid values of cameras, points and files, with the file
+// and the frame in the message. host/scene/camera.hpp contains the limits.
 #include <nlohmann/json.hpp>
 
 #include "host/api/keyframes.hpp"
@@ -33,7 +33,7 @@ json document() {
           {"frames", {frame(0), frame(1)}}};
 }
 
-// What both layouts of JSON files say of it.
+// Returns the message of both layouts of JSON files.
 void check_refused(const TempFolder& folder, const json& text, const std::string& what) {
   for (const char* layout : {"blender", "nerfstudio"}) {
     INFO(layout << " " << text.dump());
@@ -63,7 +63,7 @@ View simple_view() {
   return view;
 }
 
-// Replaces text in the header of a packed file and mends its length and checksum.
+// Replaces text in the header of a packed file and corrects its length and checksum.
 void rewrite_header(const std::filesystem::path& path, const std::string& from, const std::string& to) {
   const std::string file = get(path);
   std::uint64_t length = 0;
@@ -203,7 +203,7 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   CHECK_THAT(written(camera([](Camera& c) { c.cx = 1e308; })), Contains("principal point = 1e+308"));
   CHECK_THAT(written(camera([](Camera& c) { c.time = INFINITY; })), Contains("the time is not finite"));
 
-  // As made by hand: the header's checksum is right.
+  // As if manipulated: the checksum of the header is correct.
   PackedData data{.splits = {{"train", {simple_view()}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}};
   const auto read = [&](const std::string& from, const std::string& to) {
     std::filesystem::remove(folder / "x.ubsd");  // rewritten below, so no longer the program's own
@@ -222,13 +222,13 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   CHECK_THAT(read("\"time\":0.0", "\"time\":0.5"), Contains("point 0 is not finite"));
 }
 
-TEST_CASE("values: no bytes behind the end of a packed data set", "[values]") {
+TEST_CASE("values: no bytes after the end of a packed data set", "[values]") {
   const TempFolder folder;
   write_packed(folder / "x.ubsd", {.splits = {{"train", {simple_view()}}}});
   const std::string whole = get(folder / "x.ubsd");
   put(folder / "x.ubsd", whole + "more");
   CHECK_THAT(message_of([&] { load_dataset(folder / "x.ubsd"); }),
-             Contains("10 bytes behind the header, its blocks have 6"));
+             Contains("the header is followed by 10 bytes, but its blocks have 6"));
 }
 
 TEST_CASE("values: keyframes", "[values]") {

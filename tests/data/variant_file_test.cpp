@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The form of a model outside the kernels: parameter rows and names, the record in the model file, settings,
-// and starting parameters.
+// Tests the form of a model outside of the kernels: parameter rows and names, the record in the model file,
+// settings, and initial parameters.
 #include <cmath>
 #include <set>
 
@@ -32,7 +32,7 @@ NamedVariant named(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("variants: rows of other methods are as many as theirs", "[variants]") {
+TEST_CASE("variants: the number of rows is that of the other methods", "[variants]") {
   const auto count = [](const std::string& name) {
     const NamedVariant v = named(name);
     return ParameterLayout(v.dim, v.variant).count;
@@ -43,10 +43,10 @@ TEST_CASE("variants: rows of other methods are as many as theirs", "[variants]")
   CHECK(ParameterLayout(3, named("3DGS").variant).property_names()[5] == "f_dc_2");
   CHECK(ParameterLayout(3, named("3DGS").variant).property_names().back() == "rot_3");
   const auto names = ParameterLayout(6, {.kernel = SpatialKernel::gaussian}).property_names();
-  CHECK(names[7] == "beta_1");  // the number says the dimension
+  CHECK(names[7] == "beta_1");  // the number determines the dimension
 }
 
-TEST_CASE("variants: groups cover all rows once", "[variants]") {
+TEST_CASE("variants: groups cover each row once", "[variants]") {
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name);
     const ParameterLayout layout(v.dim, v.variant);
@@ -61,7 +61,7 @@ TEST_CASE("variants: groups cover all rows once", "[variants]") {
   }
 }
 
-TEST_CASE("variants: a file keeps its form", "[variants][ply]") {
+TEST_CASE("variants: a file stores its form", "[variants][ply]") {
   const TempFolder folder;
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name << ", N = " << v.dim);
@@ -81,7 +81,7 @@ TEST_CASE("variants: a file keeps its form", "[variants][ply]") {
   CHECK_THAT(get(folder / "default.ply"), !Contains("comment"));
 }
 
-TEST_CASE("variants: records that cannot be honoured are refused", "[variants][ply]") {
+TEST_CASE("variants: unsupported records are rejected", "[variants][ply]") {
   const TempFolder folder;
   write_splat_ply(folder / "good.ply", numbered_model(6, {.cov_mode = CovMode::whiten}));
   const std::string good = get(folder / "good.ply");
@@ -139,7 +139,7 @@ TEST_CASE("variants: every value of every switch can be set", "[variants][settin
   CHECK_THAT(message_of([&] { validate(settings); }, ErrorKind::usage), Contains("spatial_ortho"));
 }
 
-TEST_CASE("variants: starting parameters", "[variants][initialise]") {
+TEST_CASE("variants: initial parameters", "[variants][initialise]") {
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name);
     InitOptions options;
@@ -166,7 +166,7 @@ TEST_CASE("variants: starting parameters", "[variants][initialise]") {
     for (int row = layout.l_triangle; row < layout.count; ++row)
       CHECK(model.row(row)[7] == Approx(quaternion && row == layout.l_triangle ? 1 : 0).margin(1e-3));
   }
-  // What both have is drawn alike.
+  // Two forms with the same kinds of parameters start with equal values.
   InitOptions options;
   options.variant.cov_param = CovParam::cholesky;
   CHECK(initialise_random(6, 30, 4, options).values == initialise_random(6, 30, 4).values);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lower layer of every back end: copies of all sizes (below, at and above staging sizes, more than a ring
-// of them), order of copies, accounting, times, and the error of a request that is too large.
+// Tests the lower layer of every back end: copies of all sizes (below, at and above the size of staging
+// buffers, and more than the ring of buffers holds), order of copies, memory accounting, times, and the error
+// for a request that is too large.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <numeric>
@@ -17,7 +18,7 @@ std::vector<std::uint8_t> pattern(std::size_t size, unsigned seed) {
   return bytes;
 }
 
-TEST_CASE("what is uploaded comes back, whatever its size", "[device]") {
+TEST_CASE("uploaded data of any size can be downloaded unchanged", "[device]") {
   constexpr std::size_t kPiece = std::size_t{256} << 10;
   for (const auto& device : devices_under_test())
     for (const std::size_t size :
@@ -42,7 +43,7 @@ TEST_CASE("what is uploaded comes back, whatever its size", "[device]") {
     }
 }
 
-TEST_CASE("a device accounts for its memory and refuses more than it has", "[device]") {
+TEST_CASE("a device counts its memory and rejects requests for more than it has", "[device]") {
   for (const auto& device : devices_under_test()) {
     const std::uint64_t before = device->allocated_bytes();
     {
@@ -59,7 +60,7 @@ TEST_CASE("a device accounts for its memory and refuses more than it has", "[dev
   }
 }
 
-TEST_CASE("profiling names what ran and how often", "[device]") {
+TEST_CASE("profiling lists the kernels that ran and their number of calls", "[device]") {
   for (const auto& device : devices_under_test()) {
     Buffer<float> buffer(*device, "buffer", 100000);
     device->set_profiling(true);
@@ -76,7 +77,8 @@ TEST_CASE("profiling names what ran and how often", "[device]") {
   }
 }
 
-// One file of programs, whatever is compiled at run time: what a device made is what it was asked for.
+// Tests that the list of programs of a device contains the programs that the configuration requires,
+// whichever of them are compiled at run time.
 TEST_CASE("programs compiled at run time are those of the configuration", "[device]") {
   for (const auto& device : devices_under_test()) {
     if (device->info().backend != "cuda") continue;

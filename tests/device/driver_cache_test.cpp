@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The folder of compiled kernels: tried before it is used, and tidied of what PoCL leaves behind.
+// Tests the folder of compiled kernels: it is tested before use, and files that PoCL leaves behind are
+// removed.
 #include "host/opencl/driver_cache.hpp"
 
 #include <sys/stat.h>
@@ -32,7 +33,7 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   put_aged(folder / "AB/UNUSED/kernel/1-1-1/kernel.so", 100 * 24h);
   put_aged(folder / "AB/USED/last_accessed", 80 * 24h);
   put_aged(folder / "AB/USED/program.bc", 200 * 24h);
-  put_aged(folder / "CD/EMPTY/program.bc", 200 * 24h);  // on its way: no last_accessed yet
+  put_aged(folder / "CD/EMPTY/program.bc", 200 * 24h);  // in progress: no last_accessed yet
   opencl::tidy_driver_cache(folder.path());
   CHECK_FALSE(fs::exists(folder / "tempfile_old"));
   CHECK_FALSE(fs::exists(folder / "tempfile_old.so.o"));
@@ -41,7 +42,7 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   CHECK_FALSE(fs::exists(folder / "AB/UNUSED"));
   CHECK(fs::exists(folder / "AB/USED/program.bc"));
   CHECK(fs::exists(folder / "CD/EMPTY/program.bc"));
-  // Programs are looked at once a day.
+  // Programs are checked once a day.
   put_aged(folder / "AB/UNUSED/last_accessed", 100 * 24h);
   opencl::tidy_driver_cache(folder.path());
   CHECK(fs::exists(folder / "AB/UNUSED"));
@@ -49,7 +50,7 @@ TEST_CASE("PoCL's orphaned files and unused programs are removed, and nothing el
   CHECK_FALSE(fs::exists(folder / "missing"));
 }
 
-TEST_CASE("a cache folder is made and tried; the temporary one belongs to this user alone") {
+TEST_CASE("a cache folder is created and tested; the temporary one belongs only to this user") {
   const test::TempFolder folder;
   CHECK(cache_defect(folder / "a/b").empty());
   CHECK(fs::is_empty(folder / "a/b"));
@@ -63,14 +64,14 @@ TEST_CASE("a cache folder is made and tried; the temporary one belongs to this u
   CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);
   CHECK(usable_cache(folder / "file/below") == own);
   CHECK(cache_defects().find((folder / "file/below").string()) != std::string::npos);
-  REQUIRE(::chmod(own.c_str(), 0777) == 0);  // as somebody else might have made it
+  REQUIRE(::chmod(own.c_str(), 0777) == 0);  // as if another user had created it
   CHECK(temporary_cache().empty());
   fs::remove(own);
   fs::create_directory_symlink(folder / "a", own);
   CHECK(temporary_cache().empty());
 }
 
-// What a power cut leaves of files that were not synchronised.
+// Creates files as a power cut leaves them if they were not synchronised.
 TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
   const test::TempFolder folder;
   const auto make = [&] {
@@ -102,30 +103,31 @@ TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
     bit[700] ^= 1;
     damage(which, bit);
   }
-  test::put(folder / "EF/NEW/program.bc", "");  // never written down, and nothing
+  test::put(folder / "EF/NEW/program.bc", "");  // never recorded, and empty
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
   put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);  // since before the machine was started
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
   CHECK_FALSE(fs::exists(folder / "EF/OLD"));
 
-  // After a start of the machine the content counts, whatever the times of the files.
+  // After the machine has been restarted, the content is checked, independently of the times of the files.
   std::string sums = test::get(folder / "sums");
   REQUIRE(sums.find("AB/ONE/program.bc") != std::string::npos);
-  test::put(folder / "sums", sums.substr(0, sums.size() / 2));  // damaged too: all is written down again
+  test::put(folder / "sums",
+            sums.substr(0, sums.size() / 2));  // also damaged, so everything is recorded again
   CHECK(opencl::heal_driver_cache(folder.path()) == 0);
   CHECK(test::get(folder / "sums") == sums);
   CHECK(opencl::heal_driver_cache(folder / "missing") == 0);
   CHECK_FALSE(fs::exists(folder / "missing"));
 }
 
-TEST_CASE("the folder of a process is its own") {
+TEST_CASE("each process has its own folder") {
   const fs::path own = process_cache();
   REQUIRE(fs::is_directory(own));
   CHECK((fs::status(own).permissions() & fs::perms::mask) == fs::perms::owner_all);
   CHECK(process_cache() == own);
 }
 
-TEST_CASE("UBS_KERNEL_CACHE names the folder of compiled kernels, or none") {
+TEST_CASE("UBS_KERNEL_CACHE selects the folder of compiled kernels, or disables it") {
   const test::TempFolder folder;
   {
     const test::Variable cache("UBS_KERNEL_CACHE", (folder / "k").c_str());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drivers that end the process: a line of ours, and the exit code of the cause.
+// Tests drivers that terminate the process: ubs prints one line and exits with the code of the cause.
 #include "host/opencl/driver_watch.hpp"
 
 #include <fcntl.h>
@@ -24,7 +24,7 @@ struct End {
   std::string err;
 };
 
-// What becomes of a process that does this.
+// Runs the action in a child process and returns how this process ends.
 End end_of(const std::function<void()>& action) {
   const test::TempFolder folder;
   const pid_t child = ::fork();
@@ -32,7 +32,7 @@ End end_of(const std::function<void()>& action) {
   if (child == 0) {
     const int file = ::open((folder / "err").c_str(), O_WRONLY | O_CREAT, 0600);
     ::dup2(file, STDERR_FILENO);
-    std::signal(SIGABRT, SIG_DFL);  // Catch2 has a handler of its own
+    std::signal(SIGABRT, SIG_DFL);  // Catch2 has its own handler
     action();
     ::_exit(99);
   }
@@ -53,7 +53,7 @@ bool says(const End& end, const std::string& part) {
   return end.err.find("ubs: error: ") != std::string::npos && end.err.find(part) != std::string::npos;
 }
 
-TEST_CASE("a driver that aborts, leaves or throws is named, with what it was doing") {
+TEST_CASE("if a driver aborts, exits or throws, the message contains the driver and the operation") {
   const test::Variable cache("POCL_CACHE_DIR", nullptr);
   for (const auto& call : {+[] { std::abort(); }, +[] { std::exit(1); }, +[] { throw std::bad_alloc(); }}) {
     const End end = end_of([&] { driver(call); });
@@ -62,7 +62,7 @@ TEST_CASE("a driver that aborts, leaves or throws is named, with what it was doi
     CHECK(says(end, "kernel 'adam_step'"));
   }
   CHECK(end_of([] { ::_exit(driver([] {}) == 0 ? 5 : 6); }).code == 5);
-  // Outside of a call everything is as it was.
+  // Outside of a call, signals have their usual effect.
   CHECK(end_of([] {
           driver([] {});
           std::exit(7);
@@ -73,7 +73,7 @@ TEST_CASE("a driver that aborts, leaves or throws is named, with what it was doi
         }).code == -1);
 }
 
-TEST_CASE("a driver that runs out of memory is exit code 6, out of disk 3") {
+TEST_CASE("a driver that runs out of memory gives exit code 6, or 3 if it runs out of disk space") {
   const End memory = end_of([] {
     const rlimit limit{std::uint64_t{1} << 20, std::uint64_t{1} << 20};
     setrlimit(RLIMIT_AS, &limit);
@@ -92,7 +92,7 @@ TEST_CASE("a driver that runs out of memory is exit code 6, out of disk 3") {
   CHECK(says(disk, (folder / "file").string()));
 }
 
-TEST_CASE("limits of the process count in what is left") {
+TEST_CASE("limits of the process are included in the available memory") {
   CHECK(end_of([] {
           const bool before = process_memory().left == kNoMemoryLimit || memory_limits_text() != "";
           const rlimit limit{std::uint64_t{64} << 30, RLIM_INFINITY};

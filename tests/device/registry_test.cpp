@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Choosing among devices of several back ends: a card that CUDA and OpenCL both show, and a CPU.
+// Tests the selection among devices of several back ends: a card that both CUDA and OpenCL list, and a CPU.
 #include "host/device/registry.hpp"
 
 #include <catch2/catch.hpp>
@@ -28,11 +28,11 @@ const std::vector<DeviceInfo> kCardAndCpu{
     device("opencl", "NVIDIA CUDA", "NVIDIA H200", DeviceType::gpu),
 };
 
-TEST_CASE("vectors decide the rasteriser, and not the type of the device", "[registry]") {
+TEST_CASE("the rasteriser depends on the vector width, not on the type of the device", "[registry]") {
   DeviceInfo cpu = kCardAndCpu[1];
   cpu.float_vector_width = 16;
   CHECK(raster_kind("auto", cpu) == RasterKind::cpu);
-  cpu.float_vector_width = 1;  // as of llvmpipe
+  cpu.float_vector_width = 1;  // like llvmpipe
   CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
   CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
   CHECK(raster_kind("auto", kCardAndCpu[0]) == RasterKind::gpu);
@@ -45,7 +45,7 @@ TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   CHECK(chosen("") == 0);
   CHECK(chosen("gpu") == 0);
   CHECK(chosen("H200") == 0);
-  CHECK(chosen("cuda") == 0);  // although a part of the OpenCL platform's name
+  CHECK(chosen("cuda") == 0);  // although it is part of the name of the OpenCL platform
   CHECK(chosen("CUDA:h200") == 0);
   CHECK(chosen("cpu") == 1);
   CHECK(chosen("portable") == 1);
@@ -55,10 +55,10 @@ TEST_CASE("a device is found by index, type, back end and name", "[registry]") {
   CHECK(chosen("opencl:gpu") == 2);
   CHECK(chosen("2") == 2);
   CHECK(chosen("opencl:1") == 2);  // its second device
-  CHECK(chosen("200") == 0);       // of a name
+  CHECK(chosen("200") == 0);       // part of a name
 }
 
-TEST_CASE("without a request there are further devices to try: GPUs first", "[registry]") {
+TEST_CASE("without a request, further devices are tried, GPUs first", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   using Places = std::vector<std::size_t>;
   CHECK(device_candidates(kCardAndCpu, "") == Places{0, 2, 1});
@@ -68,7 +68,7 @@ TEST_CASE("without a request there are further devices to try: GPUs first", "[re
   ::unsetenv("UBS_DEVICE");
 }
 
-TEST_CASE("without CUDA the same words choose OpenCL devices or fail", "[registry]") {
+TEST_CASE("without CUDA, the same requests select OpenCL devices or fail", "[registry]") {
   ::unsetenv("UBS_DEVICE");
   const std::vector<DeviceInfo> devices(kCardAndCpu.begin() + 1, kCardAndCpu.end());
   CHECK(choose_device(devices, "") == 1);
@@ -83,7 +83,7 @@ TEST_CASE("without CUDA the same words choose OpenCL devices or fail", "[registr
   CHECK(!test::message_of([] { choose_device({}, ""); }, ErrorKind::device).empty());
 }
 
-TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
+TEST_CASE("UBS_DEVICE selects the device if none is requested", "[registry]") {
   ::setenv("UBS_DEVICE", "opencl:cpu", 1);
   CHECK(choose_device(kCardAndCpu, "") == 1);
   CHECK(choose_device(kCardAndCpu, "gpu") == 0);
@@ -93,19 +93,19 @@ TEST_CASE("UBS_DEVICE decides where nothing is asked for", "[registry]") {
   ::unsetenv("UBS_DEVICE");
 }
 
-TEST_CASE("rasterisers are told which spatial kernel, also one that they do not have", "[registry]") {
+TEST_CASE("rasterisers get the option of the spatial kernel, even if they do not support it", "[registry]") {
   const auto options = [](int kernel) {
     return raster_options({.variant = {.kernel = static_cast<SpatialKernel>(kernel)}});
   };
   CHECK(options(0) == Options{});
   CHECK(options(1) == Options{"-DUBS_FALLOFF=1"});
-  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // kernels/variant.h refuses it
+  CHECK(options(2) == Options{"-DUBS_FALLOFF=2"});  // kernels/variant.h rejects it
 }
 
-TEST_CASE("views of one card are told by its PCI address", "[registry]") {
+TEST_CASE("entries of the same card are recognised by its PCI address", "[registry]") {
   std::vector<DeviceInfo> devices(5);
   devices[0].pci = devices[3].pci = "0000:1b:00.0";
-  devices[1].pci = "0000:1c:00.0";  // the other two do not say
+  devices[1].pci = "0000:1c:00.0";  // the other two report no address
   CHECK(same_card(devices, 0) == 0);
   CHECK(same_card(devices, 1) == 1);
   CHECK(same_card(devices, 3) == 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The documents are part of the program: every section of docs/method.md that a comment cites exists, every
-// link between the documents leads somewhere, and every file that a comment or a page names is there.
+// Tests the documents: every section of docs/method.md that a comment cites, every target of a link, and
+// every file that a comment or a page mentions must exist.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <regex>
@@ -26,7 +26,7 @@ std::vector<fs::path> files_below(std::initializer_list<const char*> folders,
   return found;
 }
 
-// What group `group` of the pattern matched, at every place of the text.
+// Returns the matches of group `group` of the pattern in the text.
 std::vector<std::string> matches(const std::string& text, const std::regex& pattern, int group) {
   return {std::sregex_token_iterator(text.begin(), text.end(), pattern, group), std::sregex_token_iterator()};
 }
@@ -44,9 +44,9 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   std::size_t cited = 0;
   for (const fs::path& path : files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs"},
                                           {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md"})) {
-    if (path.parent_path().filename() == "results") continue;  // records of their day
+    if (path.parent_path().filename() == "results") continue;  // results describe the code of their day
     const std::string text = ubs::read_text_file(path);
-    if (text.find("ethod.md") == std::string::npos) continue;  // the expression takes its time
+    if (text.find("ethod.md") == std::string::npos) continue;  // the regular expression is slow
     for (const std::string& found : matches(text, citation, 2))
       for (const std::string& section : matches(found, number, 0)) {
         INFO(path.string() << " cites " << section);
@@ -57,8 +57,8 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   CHECK(cited > 60);
 }
 
-// Pages stand in the index, pictures and tables on a page.
-TEST_CASE("documents: every result can be found from the index of results", "[docs]") {
+// Pages must be listed in the index, and images and tables on a page.
+TEST_CASE("documents: every result is linked from the index of results", "[docs]") {
   const std::string index = ubs::read_text_file(kSource / "docs/results/README.md");
   std::string pages = ubs::read_text_file(kSource / "README.md");
   for (const fs::path& page : files_below({"docs"}, {".md"})) pages += ubs::read_text_file(page);
@@ -73,7 +73,7 @@ TEST_CASE("documents: every result can be found from the index of results", "[do
   CHECK(found > 40);
 }
 
-TEST_CASE("documents: links lead to files", "[docs]") {
+TEST_CASE("documents: links refer to existing files", "[docs]") {
   std::vector<fs::path> pages = files_below({"docs", "kernels", "data_specs", "tests"}, {".md"});
   for (const char* page : {"README.md", "CONTRIBUTING.md", "SECURITY.md"}) pages.push_back(kSource / page);
   std::size_t links = 0;
@@ -90,8 +90,8 @@ TEST_CASE("documents: links lead to files", "[docs]") {
 
 namespace {
 
-// Paths from the root of the project that the text names: "docs/method.md". By hand, since an expression
-// takes seconds for all sources.
+// Returns the paths from the root of the project that occur in the text, such as "docs/method.md". Uses no
+// regular expression, which would take seconds for all sources.
 std::vector<std::string> named_files(const std::string& text) {
   const std::string letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
   const std::set<std::string> extensions{".md", ".cpp", ".hpp", ".h",   ".cl",  ".cu",  ".cuh",
@@ -111,8 +111,8 @@ std::vector<std::string> named_files(const std::string& text) {
 
 }  // namespace
 
-// docs/results keeps the names of its day.
-TEST_CASE("documents: files that comments and pages name exist", "[docs]") {
+// Pages in docs/results keep the file names of their day.
+TEST_CASE("documents: files that comments and pages mention exist", "[docs]") {
   std::vector<fs::path> files =
       files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs", "data_specs"},
                   {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md", ".py", ".sh", ".yaml"});
@@ -129,7 +129,9 @@ TEST_CASE("documents: files that comments and pages name exist", "[docs]") {
   CHECK(names > 1000);
 }
 
-TEST_CASE("documents: the README says whose method it is, what it runs on and what to expect", "[docs]") {
+TEST_CASE(
+    "documents: the README states the authors of the method, the supported devices and the expected results",
+    "[docs]") {
   const std::string text = ubs::read_text_file(kSource / "README.md");
   for (const char* part : {"Universal Beta Splatting](https://arxiv.org/abs/2510.03312) by Rong Liu",
                            "OpenCL and CUDA", "two CPU cores", "test PSNR", "docs/tutorial.md"}) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the files of a room may include (docs/architecture.md): nothing above it, and no back end.
+// Tests which headers the files of a room may include (docs/architecture.md): none of the rooms above it, and
+// none of a back end.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
@@ -25,7 +26,8 @@ const std::map<std::string, std::string> kMayInclude{
     {"check", "base scene device kernels pipeline"},
     {"api", "base cluster scene data device kernels pipeline train check include"},
     {"look", "base scene data device pipeline train api"},
-    // The oracle shares nothing with the kernels, and only ubs-lab and the tests link the rest of lab.
+    // The oracle shares no code with the kernels, and only ubs-lab and the tests are linked with the rest of
+    // lab.
     {"lab/oracle", "base scene device pipeline"},
     {"lab", "base scene data device kernels pipeline train check lab/oracle"},
 };
@@ -39,7 +41,7 @@ std::string room_of(const std::string& path) {
   return first == "host" ? second : first;
 }
 
-TEST_CASE("files of a room include what their room may") {
+TEST_CASE("files of a room only include headers that their room may include") {
   std::size_t files = 0;
   for (const char* folder : {"host", "cuda_backend"})
     for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / folder)) {
@@ -61,9 +63,9 @@ TEST_CASE("files of a room include what their room may") {
   CHECK(files > 300);
 }
 
-// docs/check.md: drivers are known that compute wrong results with loops of compare-exchange, and with atomics of 64 bits
-// beside sub-groups. Floats are not added atomically, so that the same inputs give the same bits.
-TEST_CASE("kernels use no atomics but increments, or and maximum of 32-bit words") {
+// Some drivers compute wrong results for compare-exchange loops, and for 64-bit atomics in kernels with
+// sub-groups (docs/check.md). Floats are not added atomically, so that the same inputs give the same bits.
+TEST_CASE("kernels use no atomics except increment, or, and maximum of 32-bit words") {
   std::size_t uses = 0;
   const std::regex atomic(R"(\b(atom_\w+|atomic\w*)\s*\()");
   for (const char* folder : {"kernels", "cuda_backend"})

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "other/mine.csv"};
 
 bool is_temporary(const std::string& path) { return path.find("tmp-") != std::string::npos; }
-// Lists and locks that are no results.
+// Lists and locks, which are not results.
 bool is_own_trace(const std::string& path) { return path.find(".ubs-") != std::string::npos; }
 
 Snapshot snapshot(const fs::path& folder) {
@@ -78,7 +78,7 @@ class Campaign {
     if (with_old && !scenario_.before.empty())
       fs::copy(folder_ / "before", folder_ / "out", fs::copy_options::recursive);
     for (const char* name : kForeign) put(folder_ / "out" / name, name);
-    if (scenario_.disk != nullptr) scenario_.disk->sync();  // what is old lies there for long
+    if (scenario_.disk != nullptr) scenario_.disk->sync();  // old files have been there for long
   }
 
   std::string command_line(const std::string& arguments) const {
@@ -90,7 +90,7 @@ class Campaign {
                          seen_);
   }
 
-  // Without foreign and temporary files.
+  // Returns the files without foreign and temporary ones.
   Snapshot results() const {
     Snapshot files = snapshot(folder_ / "out");
     for (const char* name : kForeign) files.erase(name);
@@ -111,7 +111,7 @@ class Campaign {
     return count;
   }
 
-  // A file with the name of a result is a result, old or new.
+  // A file with the name of a result must be the old or the new result.
   void check_whole(const std::string& path, const std::string& bytes) const {
     if (path == "log.csv") return;  // grows line by line
     if (!scenario_.unfinished.empty() && path.find(scenario_.unfinished) != std::string::npos) return;
@@ -151,10 +151,11 @@ class Campaign {
       CHECK((is_documented || (signalled && run.code == 130)));
       if (run.code != 1) CHECK(error_lines(run.err) == (run.code == 0 || run.code == 130 ? 0 : 1));
       if (run.code == 3) CHECK(run.err.find("std::") == std::string::npos);
-      // What cannot be removed remains.
+      // Files that cannot be removed remain.
       if ((kind.calls & remove_calls) == 0 && !killing) CHECK(temporaries() == 0);
     }
-    // What a run that was interrupted leaves is neither; that it can be completed shows below.
+    // The results of an interrupted run are neither old nor new. The check below shows that the run can be
+    // completed.
     if (!(signalled && run.code == 130))
       for (const auto& [path, bytes] : now) check_whole(path, bytes);
     if (run.code == 0 && now == new_) return;
@@ -191,11 +192,11 @@ const std::vector<FaultKind>& writing_faults() {
   constexpr unsigned space = open_calls | write_calls | sync_calls | make_calls | resize_calls;
   static const std::vector<FaultKind> kinds{
       {"no space, once", space, Fault::fail, ENOSPC},
-      {"no space from here on", space, Fault::fail, ENOSPC, true},
+      {"no space from this call on", space, Fault::fail, ENOSPC, true},
       {"EIO", write_calls | sync_calls | rename_calls | close_calls | remove_calls, Fault::fail, EIO},
       {"EINTR", open_calls | write_calls | sync_calls | close_calls, Fault::fail, EINTR},
       {"short write", write_calls, Fault::shorten},
-      {"EACCES from here on", open_calls | rename_calls | remove_calls | make_calls, Fault::fail, EACCES,
+      {"EACCES from this call on", open_calls | rename_calls | remove_calls | make_calls, Fault::fail, EACCES,
        true},
       // As when the kernel makes a file system read-only after an error of the disk. Files that are already
       // open for writing fail too.

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: every fault at every system call of a command, and what must hold after each of them:
-//   the exit code is documented and not "internal"; an error is one line; nothing hangs;
-//   what is there is the old file, or the complete new one, or nothing; foreign files are as they were; of
-//     temporary files only a killed process leaves some;
-//   exit code 0 without a warning means results with the bits of an undisturbed run;
-//   otherwise the command that completes the work, on a disk that works again, leaves those bits and no
-//     temporary file.
+// Test support: introduces every kind of fault at every system call of a command, and checks the following
+// after each of them. The exit code is documented and not "internal". An error is one line. Nothing hangs.
+// Each result is the old file, the complete new file, or missing. Foreign files are unchanged. Only a killed
+// process leaves temporary files. If the exit code is 0 and there is no warning, the results are
+// bit-identical to those of an undisturbed run. Otherwise, the command that completes the work on a working
+// disk gives these results and leaves no temporary file.
 #pragma once
 
 #include <functional>
@@ -22,21 +21,22 @@ using Snapshot = std::map<std::string, std::string>;  // path below the folder, 
 
 struct Scenario {
   std::string command;              // arguments of ubs; its results are below out/
-  std::string before = {};          // arguments of a run that leaves older results there; empty: none
+  std::string before = {};          // arguments of a run that creates older results; empty: no such run
   std::string watched = "out";      // folder whose calls are disturbed
   std::string environment = {};     // "NAME=value", for env
-  std::string emptied = {};         // folder that is deleted before every run; may be none
-  std::vector<int> codes = {0, 3};  // exit codes that faults may have
-  // Files whose path holds this are work in progress: nothing is promised of them before the work is
+  std::string emptied = {};         // folder that is deleted before every run; may be empty
+  std::vector<int> codes = {0, 3};  // exit codes that faults may cause
+  // Files whose path contains this text are work in progress: they are not checked before the work is
   // completed.
   std::string unfinished = {};
-  bool has_children = false;     // processes that can be killed while the command goes on
-  bool keeps_at_signal = false;  // a signal ends it in order from the first change of a result to the last
-  bool best_effort = false;      // may end with 0 and a warning where a result is missing
-  // Arguments that finish the work after `run`; empty function: the command again.
+  bool has_children = false;  // processes that can be killed while the command continues
+  bool keeps_at_signal =
+      false;  // a signal stops it in a controlled way between the first and the last change of a result
+  bool best_effort = false;  // may end with 0 and a warning if a result is missing
+  // Returns the arguments that complete the work after `run`. If empty, the command is repeated.
   std::function<std::string(const TempFolder&)> complete = {};
-  LoopDisk* disk = nullptr;  // that is mounted at out/; may be none
-  // What two runs have in common of a file; empty function: all bytes.
+  LoopDisk* disk = nullptr;  // disk that is mounted at out/; may be null
+  // Returns the part of a file that is equal in two runs. If empty, all bytes must be equal.
   std::function<std::string(const std::string& path, const std::string& bytes)> common = {};
 };
 
@@ -46,21 +46,22 @@ struct FaultKind {
   Fault::Action action;
   int number = 0;
   bool lasting = false;
-  bool power_cut = false;  // with a kill: what was not synchronised is lost too. Needs a disk
+  bool power_cut = false;  // like a kill, but data that were not synchronised are also lost; needs a disk
 };
 
-// A full disk, a broken one, EINTR, short writes, no permission.
+// The faults are a full disk, a broken disk, EINTR, short writes, and missing permissions.
 const std::vector<FaultKind>& writing_faults();
 const std::vector<FaultKind>& reading_faults();
 const std::vector<FaultKind>& kills();
 const std::vector<FaultKind>& power_cuts();
 const std::vector<FaultKind>& signals();
 
-// Errors of ours on stderr; other lines are warnings, progress, or what a library says.
+// Returns the error lines of ubs on stderr. Other lines are warnings, progress, or messages of libraries.
 int error_lines(const std::string& err);
 
-// The folder has the inputs. At most `most` runs of each kind of fault, spread evenly over the calls; all of
-// them with UBS_TEST_ALL=1. Returns the number of runs, which it prints with the scenario's name.
+// `folder` contains the inputs. Runs the command at most `most` times for each kind of fault, at calls that
+// are spread evenly, or for all calls with UBS_TEST_ALL=1. Returns the number of runs, and prints it with the
+// name of the scenario.
 int attack(const TempFolder& folder, const std::string& name, const Scenario& scenario,
            const std::vector<FaultKind>& faults, int most);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Power cuts, kills and full disks, by the order of system calls: for every command that writes. On the disk
-// is what was synchronised; a name is there when its folder was synchronised behind it.
+// Tests the effects of power cuts, kills and full disks for every command that writes files, by the order of
+// its system calls. Data are on the disk after they have been synchronised. A name is on the disk after its
+// folder has been synchronised.
 #include <algorithm>
 #include <cerrno>
 #include <nlohmann/json.hpp>
@@ -28,16 +29,17 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder.string();
 }
 
-// What is wrong with the order of calls; empty: whenever the power fails, every name below the folder stands
-// for a whole file, results that were reported are there, and `last` is removed after all of them.
+// Returns an error in the order of the calls, or an empty text. The order is correct if, whenever the power
+// fails, every name in the folder belongs to a complete file, all reported results are on the disk, and
+// `last` is removed after all of them.
 std::string defect(const TracedRun& run, const std::string& last = "") {
-  std::set<std::string> unsynced, fresh;  // files written to, folders with new names
+  std::set<std::string> unsynced, fresh;  // files that were written to; folders with new names
   int renames = 0;
   for (const Call& call : run.calls) {
     if (call.result < 0) continue;
     const fs::path path = call.path;
     const std::string name = path.filename().string();
-    if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // nothing to the next boot
+    if (is_any(name, {".ubs-lock", "stdout.txt", "stderr.txt"})) continue;  // irrelevant after a reboot
     const bool temporary = name.starts_with(".ubs-tmp-"), grows = name.ends_with(".log") || name == "log.csv";
     if (call.kind == write_calls) {
       if (!temporary && !grows) return fmt::format("{} is written in place", call.path);
@@ -48,13 +50,14 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
     } else if (call.kind == rename_calls) {
       ++renames;
       if (unsynced.contains(call.path))
-        return fmt::format("{} was not on the disk when it became {}", call.path, call.to);
+        return fmt::format("{} was not on the disk when it was renamed to {}", call.path, call.to);
       fresh.insert(folder_of(call.to));
     } else if (call.kind == make_calls) {
       fresh.insert(folder_of(call.path));
     } else if (call.kind == remove_calls && call.path == last) {
       if (!unsynced.empty() || !fresh.empty())
-        return fmt::format("{} went before {}", last, fmt::join(unsynced.empty() ? fresh : unsynced, ", "));
+        return fmt::format("{} was removed before {} was on the disk", last,
+                           fmt::join(unsynced.empty() ? fresh : unsynced, ", "));
     }
   }
   if (renames == 0) return "nothing was written";
@@ -104,7 +107,7 @@ TEST_CASE("durability: every writer synchronises file and folder around the rena
   }
 }
 
-TEST_CASE("durability: the checkpoint goes when all else is on the disk") {
+TEST_CASE("durability: the checkpoint is removed when everything else is on the disk") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -124,7 +127,7 @@ TEST_CASE("durability: the checkpoint goes when all else is on the disk") {
   CHECK(std::none_of(removed, run.calls.end(), [](const Call& call) { return call.kind == rename_calls; }));
 }
 
-// The run is complete and the same as `whole`, and no temporary file is left.
+// Checks that the run is complete and equal to `whole`, and that no temporary file remains.
 void check_same_run(const fs::path& run, const fs::path& whole) {
   for (const char* name : {"model.ply", "renders/r_000.png", "renders/r_001.png"})
     CHECK(get(run / name) == get(whole / name));
@@ -149,7 +152,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
   const unsigned kinds = rename_calls | remove_calls;
   const int calls = whole.count(kinds);
   for (int n = 1; n <= calls; ++n) {
-    // Half of the calls, before and after; of the last ones, where the run's results come, all.
+    // Tests half of the calls, alternately before and after the call, and all of the last calls, which write
+    // the results.
     if (!whole_sweep() && n % 4 > 1 && n + 8 <= calls) continue;
     INFO("call " << n << " of " << whole.count(kinds));
     fs::remove_all(folder / "run");
@@ -158,7 +162,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
     CHECK(run.signal == SIGKILL);
     const bool kept = fs::exists(folder / "run/checkpoint.ubs");
     resumed += kept;
-    // Behind the removal of the checkpoint there is nothing left to do; before the first one nothing is lost.
+    // After the checkpoint has been removed, nothing remains to be done. Before the first checkpoint, nothing
+    // is lost.
     const bool done = !kept && fs::exists(folder / "run/metrics.json");
     if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
     check_same_run(folder / "run", folder / "whole");
@@ -166,7 +171,7 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
   CHECK(resumed >= 4);  // the last checkpoint, model, metrics, two renders
 }
 
-// The n-th of all calls of these kinds, where the first one that `wanted` takes is counted.
+// Returns the number, among all calls of these kinds, of the first call for which `wanted` returns true.
 int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(const Call&)>& wanted) {
   int n = 0;
   for (const Call& call : run.calls) {
@@ -177,7 +182,7 @@ int number_of(const TracedRun& run, unsigned kinds, const std::function<bool(con
   return 0;
 }
 
-TEST_CASE("durability: a disk that is full for a while costs a run nothing") {
+TEST_CASE("durability: a disk that is temporarily full does not affect a run") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -203,7 +208,7 @@ TEST_CASE("durability: a disk that is full for a while costs a run nothing") {
       if (warnings > 0) CHECK(run.err.find("log.csv: writing failed") != std::string::npos);
       check_same_run(folder / "run", folder / "whole");
     }
-  // It stays full: one line of error, and what had been reached can be continued when there is room again.
+  // If the disk stays full, there is one line of error, and the run can be resumed when there is space again.
   const int behind = number_of(clean, write_calls, [&, seen = 0](const Call& call) mutable {
     return call.path == "log.csv" && ++seen == 3;
   });

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What commands leave behind when the disk is full or broken, and when they are killed or interrupted, at
-// every system call on their results and inputs (see campaign.hpp). In CI a sample of the calls, with
-// UBS_TEST_ALL=1 all. test_fault "[long]": further commands and file systems, minutes.
+// Tests the state that commands leave if the disk is full or broken, or if they are killed or interrupted, at
+// every system call on their results and inputs (campaign.hpp). By default, a sample of the calls is tested;
+// with UBS_TEST_ALL=1, all of them. test_fault "[long]" tests further commands and file systems, which takes
+// minutes.
 #include <algorithm>
 #include <csignal>
 #include <fstream>
@@ -22,7 +23,7 @@ constexpr const char* kTraining =
     "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
     "--log-every 10 --quiet --out ";
 
-// Times differ from run to run; whether the file is whole does not.
+// Times differ from run to run, but the file must always be complete.
 std::string without_times(const std::string& path, const std::string& bytes) {
   if (path.ends_with(".html")) return bytes.find("</html>") != std::string::npos ? "a page" : "broken";
   if (path.ends_with(".md")) return "a text";
@@ -47,7 +48,7 @@ TEST_CASE("faults: pack") {
   attack(folder, "pack, reading", scenario, reading_faults(), 2);
 }
 
-TEST_CASE("faults: convert, over an older file too") {
+TEST_CASE("faults: convert, also with an older output file") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -75,7 +76,8 @@ Scenario training() {
           .common = without_times};
 }
 
-TEST_CASE("faults: train, which signals end in order from the first change of a file to the last") {
+TEST_CASE(
+    "faults: train, which signals stop in a controlled way from the first to the last change of a file") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -95,7 +97,7 @@ TEST_CASE("faults: render") {
   attack(folder, "render, disk and killed", scenario, both(writing_faults(), kills()), 1);
 }
 
-// Longer commands, and all of the calls of the shorter ones.
+// Tests longer commands, and all calls of the shorter ones.
 TEST_CASE("faults: the other commands", "[.long]") {
   REQUIRE(can_trace());
   const TempFolder folder;
@@ -157,7 +159,7 @@ TEST_CASE("faults: the cache of compiled kernels", "[.long]") {
   attack(folder, "kernel cache, killed", kernels, kills(), 3);
 }
 
-TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the way") {
+TEST_CASE("Ctrl-C before the first step prints one line and leaves no files that prevent a new run") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -170,7 +172,7 @@ TEST_CASE("Ctrl-C before the first step is one line, and leaves nothing in the w
   CHECK(fs::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("the data of a run are opened once by the commands that use them again") {
+TEST_CASE("commands that reuse the data of a run open them only once") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -187,7 +189,8 @@ TEST_CASE("the data of a run are opened once by the commands that use them again
   }
 }
 
-TEST_CASE("a control group's limit of memory is exit code 6, not the kernel's out-of-memory killer") {
+TEST_CASE(
+    "exceeding the memory limit of a control group gives exit code 6, before the kernel kills the process") {
   const TempFolder folder;
   synthesise(folder);
   const fs::path group = fmt::format("/sys/fs/cgroup/memory/ubs-test-{}", ::getpid());
@@ -195,7 +198,7 @@ TEST_CASE("a control group's limit of memory is exit code 6, not the kernel's ou
   fs::create_directory(group, refused);
   if (!fs::exists(group / "memory.limit_in_bytes")) {
     fs::remove(group, refused);
-    WARN("control groups of version 1 cannot be made here: their limits are not tested");
+    WARN("control groups of version 1 cannot be created here: their limits are not tested");
     return;
   }
   std::ofstream(group / "memory.limit_in_bytes") << "400M";
@@ -209,7 +212,7 @@ TEST_CASE("a control group's limit of memory is exit code 6, not the kernel's ou
   CHECK(error_lines(result.err) == 1);
 }
 
-TEST_CASE("power cuts: what a command has reported stays, what it was about to write can be completed") {
+TEST_CASE("power cuts: reported results remain, and unfinished work can be completed") {
   if (!LoopDisk::possible()) {
     WARN("loop devices cannot be mounted here: power cuts are tested by the order of system calls only");
     return;
@@ -228,7 +231,7 @@ TEST_CASE("power cuts: what a command has reported stays, what it was about to w
   attack(folder, "train, power cut", scenario, power_cuts(), 2);
 }
 
-TEST_CASE("other file systems: no case, no links, no rights, no locks", "[.long]") {
+TEST_CASE("other file systems: without case, links, permissions or locks", "[.long]") {
   REQUIRE(LoopDisk::possible());
   const TempFolder folder;
   synthesise(folder);

@@ -30,7 +30,7 @@ namespace {
 namespace fs = std::filesystem;
 using Word = unsigned long long;
 
-// Which arguments of a call name the files.
+// The arguments of a call that are file names.
 enum class Names { none, file, third_file, fifth_file, path, at, paths, at_paths, second_path, second_at };
 
 struct Known {
@@ -81,8 +81,9 @@ constexpr Known kKnown[] = {
     {SYS_flock, "flock", lock_calls, Names::file},
 };
 
-// The kernel stops a thread at the calls of the table that are asked for, and lets it run through all others.
-// Loading a program opens and maps thousands of files for reading only: they pass by their flags.
+// The kernel stops a thread at those calls of the table that are requested, and not at any other call.
+// Loading a program opens and maps thousands of files for reading only. The filter lets them pass, based on
+// their flags.
 std::vector<sock_filter> filter(unsigned seen) {
   const auto statement = [](unsigned code, unsigned k) {
     return sock_filter{static_cast<unsigned short>(code), 0, 0, k};
@@ -123,7 +124,7 @@ std::vector<sock_filter> filter(unsigned seen) {
 
 constexpr int kCannotTrace = 125;
 
-// In the child between fork and exec: system calls only.
+// Runs in the child process between fork and exec, so only system calls are allowed.
 [[noreturn]] void become_traced(const sock_fprog& program, const char* script) {
   if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || ptrace(PTRACE_TRACEME, 0, 0, 0) != 0)
     _exit(kCannotTrace);
@@ -158,7 +159,8 @@ std::string file_path(pid_t thread, Word file) {
   return link_target(fmt::format("/proc/{}/fd/{}", thread, static_cast<int>(file)));
 }
 
-// With the links of the folder followed, but not that of the name itself: rename and unlink work on names.
+// Resolves the links of the folder, but not a link with the name itself, because rename and unlink work on
+// names.
 std::string full_path(pid_t thread, int folder, const std::string& name) {
   if (name.empty()) return "";
   fs::path path = name;
@@ -212,14 +214,15 @@ bool open_for_writing(pid_t thread, Word file) {
 
 bool writes(Word flags) { return (flags & O_ACCMODE) != O_RDONLY || (flags & (O_CREAT | O_TRUNC)) != 0; }
 
-// Whether the call is of interest apart from its path, and its kind by its arguments.
+// Returns whether the call is of interest, independently of its path, and sets its kind according to its
+// arguments.
 std::optional<CallKind> kind_of(pid_t thread, const Known& known, const user_regs_struct& regs) {
   switch (known.number) {
     case SYS_open:
       return writes(regs.rsi) ? open_calls : look_calls;
     case SYS_openat:
       return writes(regs.rdx) ? open_calls : look_calls;
-    case SYS_openat2: {  // struct open_how begins with the flags
+    case SYS_openat2: {  // struct open_how starts with the flags
       Word flags = 0;
       copy_out(thread, regs.rdx, &flags, sizeof flags);
       return writes(flags) ? open_calls : look_calls;
@@ -237,7 +240,7 @@ std::optional<CallKind> kind_of(pid_t thread, const Known& known, const user_reg
   }
 }
 
-// Half of the bytes; a vector becomes its first part.
+// Reduces the call to half of its bytes, or a vector to its first part.
 void shorten(pid_t thread, user_regs_struct& regs) {
   if (regs.orig_rax == SYS_writev || regs.orig_rax == SYS_readv) {
     Word part[2] = {};
@@ -245,7 +248,7 @@ void shorten(pid_t thread, user_regs_struct& regs) {
     regs.orig_rax = regs.orig_rax == SYS_writev ? SYS_write : SYS_read;
     regs.rsi = part[0];
     regs.rdx = part[1];
-    if (part[1] == 0) return;  // nothing written is what an empty first part deserves
+    if (part[1] == 0) return;  // for an empty first part, 0 bytes are written, which is correct
   }
   regs.rdx = (regs.rdx + 1) / 2;
 }

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Test support: a command whose system calls on the files below one folder are recorded, and of which the
-// n-th can be made to fail, to do half of its work, or to be the last one of the process.
+// Test support: runs a command and records its system calls on the files in one folder. The n-th call can be
+// made to fail, to do half of its work, or to be the last one of the process.
 //
-// The calls are seen by ptrace behind a seccomp filter, that is at the border of the kernel. A preloaded
-// library would miss what libc, libstdc++ and OpenCV call inside of themselves (fwrite, ofstream, rename
-// within std::filesystem need not pass the symbols that it replaces) and the compiler that PoCL starts. Here
-// nothing passes by: threads and child processes are followed, io_uring is refused, shared writable mappings
-// of files count as writes, and calls that are not in the table run at full speed. Linux on x86-64; where
-// tracing is not permitted can_trace() is false.
+// The calls are intercepted by ptrace with a seccomp filter, at the boundary of the kernel. A preloaded
+// library would miss internal calls of libc, libstdc++ and OpenCV (fwrite, ofstream, and rename in
+// std::filesystem need not use the symbols that it replaces), and the compiler that PoCL starts. This method
+// misses no call: threads and child processes are followed, io_uring is disabled, shared writable mappings of
+// files count as writes, and calls that are not in the table run at full speed. It requires Linux on x86-64.
+// If tracing is not permitted, can_trace() returns false.
 //
 //   const TracedRun clean = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out");
-//   for (const Call& call : clean.calls) ...                    // in their order: open, write, sync, rename,
-//   ... Fault fault{.kinds = write_calls, .nth = 3, .action = Fault::fail, .number = ENOSPC}; const TracedRun
-//   full = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out", fault);
+//   for (const Call& call : clean.calls) ...  // in their order: open, write, sync, rename, ...
+//   Fault fault{.kinds = write_calls, .nth = 3, .action = Fault::fail, .number = ENOSPC};
+//   const TracedRun full = trace_ubs(folder, "pack data --out out/F.ubsd", folder / "out", fault);
 #pragma once
 
 #include <filesystem>
@@ -24,29 +24,29 @@
 
 namespace ubs::test {
 
-// One bit each, so that a fault can be meant for several kinds.
+// Each kind is one bit, so that a fault can apply to several kinds.
 enum CallKind : unsigned {
-  open_calls = 1,   // for writing, or with creation
+  open_calls = 1,   // open for writing, or with creation of the file
   write_calls = 2,  // write, writev, pwrite, copy_file_range, ..., and shared writable mappings
   sync_calls = 4,   // fsync, fdatasync, syncfs, sync_file_range; sync, which has no file, always counts
   rename_calls = 8,
   remove_calls = 16,   // unlink, unlinkat, rmdir
   make_calls = 32,     // mkdir, link, symlink
   resize_calls = 64,   // truncate, ftruncate, fallocate
-  close_calls = 128,   // of what was open for writing
+  close_calls = 128,   // close of files that were open for writing
   look_calls = 256,    // open for reading, folders too
   read_calls = 512,    // read, pread, readv
   lock_calls = 1024,   // flock
-  change_calls = 127,  // all that change what is on the disk, and sync
+  change_calls = 127,  // all calls that change the content of the disk, and sync
   all_calls = 2047,
 };
 
 struct Call {
   CallKind kind;
-  std::string name;      // of the system call
-  std::string path, to;  // relative to the folder where below it; `to` is the new name of a rename or link
+  std::string name;      // name of the system call
+  std::string path, to;  // relative to the folder if inside it; `to` is the new name of a rename or link
   long result =
-      0;  // as the kernel gives it: -errno; meaningless for the call at which the process was killed
+      0;  // value that the kernel returned, or -errno; undefined for the call at which the process was killed
 };
 
 std::string to_text(const std::vector<Call>& calls);
@@ -54,16 +54,17 @@ std::string to_text(const std::vector<Call>& calls);
 struct Fault {
   enum Action { fail, shorten, kill_before, kill_after, signal };
 
-  unsigned kinds;  // bits of CallKind; the calls of these kinds are counted together
+  unsigned kinds;  // bits of CallKind; calls of these kinds are counted together
   int nth;         // from 1
   Action action;
-  int number = 0;  // fail: errno. signal: the signal, sent to the process that was started, before the call
-  bool lasting = false;  // fail: all later calls of these kinds fail too, like on a disk that stays full
+  int number =
+      0;  // fail: errno. signal: number of the signal, which is sent to the started process before the call
+  bool lasting = false;  // fail: all later calls of these kinds also fail, as on a disk that stays full
 };
 
 struct TracedRun {
   int code;     // exit code; -1: ended by a signal
-  int signal;   // that ended it; 0: none
+  int signal;   // signal that ended it; 0: none
   bool hung;    // killed after the time limit
   bool struck;  // the fault happened
   std::string out, err;
@@ -74,14 +75,14 @@ struct TracedRun {
 
 bool can_trace();
 
-// `command` of the shell inside of `folder`, where stdout.txt and stderr.txt stay; `watched` need not exist
-// yet. Waits for children that outlive the command. A kill hits the process that made the call. `seen`: kinds
-// of calls; without those that read a process starts faster.
+// Runs the shell command `command` in `folder`, where stdout.txt and stderr.txt remain. `watched` need not
+// exist yet. Waits for child processes that outlive the command. A kill terminates the process that made the
+// call. `seen` are the recorded kinds of calls; a process starts faster if reading calls are excluded.
 TracedRun trace_command(const TempFolder& folder, const std::string& command,
                         const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                         int limit_seconds = 120, unsigned seen = all_calls);
 
-// As trace_command, for the executable under test.
+// Does the same as trace_command() for the executable under test.
 inline TracedRun trace_ubs(const TempFolder& folder, const std::string& arguments,
                            const std::filesystem::path& watched, const std::optional<Fault>& fault = {},
                            int limit_seconds = 120, unsigned seen = all_calls) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// That the tracer sees what a command does to files, and that its faults are those that were asked for.
+// Tests that the tracer records what a command does to files, and that it introduces the requested faults.
 #include "tests/fault/traced_run.hpp"
 
 #include <cerrno>
@@ -47,7 +47,7 @@ TEST_CASE("traced run: calls of the command, its children and the C library are 
   CHECK(get(folder / "out/inner/five") == "two\n");
 }
 
-TEST_CASE("traced run: the n-th call fails, is cut short, or is the last") {
+TEST_CASE("traced run: the n-th call fails, is shortened, or is the last one") {
   REQUIRE(can_trace());
   const TempFolder folder;
   fs::create_directory(folder / "out");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the targets share. Readers take paths, so the bytes go to files of this process (in memory where the
-// system has /dev/shm).
+// Functions that the targets share. Readers take paths, so the bytes are written to files of this process (in
+// memory if the system has /dev/shm).
 #pragma once
 
 #include <unistd.h>
@@ -61,7 +61,7 @@ template <typename T>
 void add(std::string& bytes, T value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
-// Several files in one input: each with its length, two bytes, in front.
+// Splits an input into several files. Each is preceded by its length in two bytes.
 inline std::string block(const std::string& text) {
   return std::string{static_cast<char>(text.size() & 255), static_cast<char>(text.size() >> 8)} + text;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// libFuzzer's entry for the target UBS_FUZZ_TARGET (a number). Its seeds: UBS_FUZZ_SEEDS names a folder to
-// write them to, once, at the start.
+// The entry point of libFuzzer for the target UBS_FUZZ_TARGET (a number). If UBS_FUZZ_SEEDS is set to a
+// folder, the seeds are written to it once at the start.
 #include <cstdlib>
 #include <fstream>
 

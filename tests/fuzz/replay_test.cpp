@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets without a fuzzer, in every build: the seeds, and systematic damage to them (every
-// length, every byte at three values, counts made huge).
+// Runs the fuzz targets without a fuzzer in every build: with the seeds, and with systematic damage to them
+// (truncated at up to 60 positions, bytes replaced by three values, and counts made huge).
 #include <catch2/catch.hpp>
 
 #include "tests/fuzz/targets.hpp"
@@ -13,7 +13,7 @@ void run(const ubs::fuzz::Target& target, const std::string& bytes) {
 
 }  // namespace
 
-TEST_CASE("fuzz replay: seeds and their damage give answers or errors", "[fuzz]") {
+TEST_CASE("fuzz replay: seeds and damaged seeds are either read or give errors", "[fuzz]") {
   for (const ubs::fuzz::Target& target : ubs::fuzz::targets()) {
     INFO(target.name);
     std::size_t runs = 0;

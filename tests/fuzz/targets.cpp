@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The targets for splat files, data sets and weights; those for images, videos and files of runs are beside
-// it.
+// The fuzz targets for splat files, data sets and weights. Those for images, videos and files of runs are in
+// other files of this folder.
 #include "tests/fuzz/targets.hpp"
 
 #include <cstring>
@@ -83,8 +83,8 @@ std::vector<std::string> seed_ply() {
   return seeds;
 }
 
-// A file as it is, or (first byte odd) one whose header has been given its checksum: what lies behind that is
-// read.
+// The input is a file, or, if the first byte is odd, a file whose header gets a correct checksum, so that the
+// code after this check is tested.
 void run_ubsz(Data d) {
   if (d.empty()) return;
   std::vector<std::uint8_t> file(d.begin() + 1, d.end());
@@ -112,7 +112,8 @@ std::vector<std::string> seed_ubsz() {
   return seeds;
 }
 
-// The payload behind gzip, version 4, and gzip itself in one target: the first byte chooses.
+// One target for the payload inside gzip, for version 4, and for gzip itself. The first byte selects the
+// kind.
 void run_spz(Data d) {
   if (d.empty()) return;
   if (d[0] % 2 == 0) {
@@ -155,7 +156,8 @@ std::vector<std::string> seed_usda() {
   return seeds;
 }
 
-// An archive as it is, or (first byte odd) one made of the members that follow: checksums hide nothing then.
+// The input is an archive, or, if the first byte is odd, the members of an archive that is created with
+// correct checksums.
 constexpr const char* kSogMembers[] = {"meta.json",  "means_l.webp", "means_u.webp",       "scales.webp",
                                        "quats.webp", "sh0.webp",     "shN_centroids.webp", "shN_labels.webp"};
 void run_sog(Data d) {
@@ -190,8 +192,8 @@ std::vector<std::string> seed_sog() {
   return seeds;
 }
 
-// The tree of a streamed SOG, or (first byte odd) the meta.json of one of its folders. The images are sound:
-// the target before damages those.
+// The input is the tree of a streamed SOG, or, if the first byte is odd, the meta.json of one of its folders.
+// The images are intact, because the previous target damages images.
 void run_streamed_sog(Data d) {
   if (d.empty()) return;
   static const std::vector<std::pair<std::string, std::vector<std::byte>>> members = [] {
@@ -247,7 +249,7 @@ std::vector<std::string> seed_splat32() {
   return {get(folder() / "s.splat")};
 }
 
-// Three blocks, each with its length in front, as cameras, images and points.
+// The input has three blocks, each preceded by its length: cameras, images and points.
 void run_colmap(Data d, const char* extension) {
   for (const char* name : {"cameras", "images", "points3D"})
     put(fmt::format("sparse/{}.{}", name, extension), take_block(d));
@@ -329,8 +331,8 @@ std::vector<std::string> seed_safetensors() {
   return {file};
 }
 
-// Header length (2 bytes), header, blocks: the preamble is made here, because no fuzzer finds the header's
-// checksum.
+// The input consists of the length of the header (2 bytes), the header and the blocks. The preamble is
+// created here, because no fuzzer finds the checksum of the header.
 void run_packed(Data d) {
   if (d.size() < 2) return;
   const std::size_t length = std::min<std::size_t>(d[0] + 256u * d[1], d.size() - 2);
@@ -388,7 +390,7 @@ std::vector<std::string> seed_file_kind() {
   return seeds;
 }
 
-// Headers of our own parsing only.
+// Only tests the headers that ubs parses itself.
 void run_image_header(Data d) {
   if (d.size() < 2 || !(d[0] == 0xff || d[0] == 0x89)) return;
   const fs::path path = put("x.jpg", d);

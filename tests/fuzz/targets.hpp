@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is fuzzed: each target takes a block of bytes as the content of a file and opens it. An Error is a
-// correct answer; anything else that leaves a target, and every finding of a sanitizer, is a defect.
+// The fuzz targets. Each target opens a block of bytes as the content of a file. An Error is a correct
+// result. Any other exception, and every report of a sanitizer, is a defect.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@ namespace ubs::fuzz {
 struct Target {
   const char* name;
   void (*run)(std::span<const std::uint8_t> data);
-  std::vector<std::string> (*seeds)();  // small valid files, made here
+  std::vector<std::string> (*seeds)();  // small valid files, created here
 };
 
 std::span<const Target> targets();

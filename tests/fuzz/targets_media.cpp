@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The targets for pixels: what OpenCV, TurboJPEG and libpng decode, and masks, up to the image that training
-// sees.
+// The fuzz targets for pixels: files that OpenCV, TurboJPEG and libpng decode, and masks, up to the image
+// that training uses.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -15,7 +15,7 @@
 namespace ubs::fuzz {
 namespace {
 
-// Decoders tell on stderr what they think of each input.
+// Decoders print messages about each input to stderr.
 class Quiet {
  public:
   Quiet() : before_(dup(2)) {
@@ -33,9 +33,9 @@ class Quiet {
   int before_;
 };
 
-constexpr int kMaxPixels = 1 << 20;  // larger images are correct, and slow
+constexpr int kMaxPixels = 1 << 20;  // larger images are valid, but slow
 
-// A picture of many values, as PNG, JPEG, ... or nothing where OpenCV has no encoder.
+// Returns an image with many different values as PNG, JPEG and so on, or nothing if OpenCV has no encoder.
 void add_encoded(std::vector<std::string>& seeds, const char* extension, int type) {
   cv::Mat image(6, 5, type);
   for (int y = 0; y < image.rows; ++y)
@@ -59,7 +59,7 @@ void add_encoded(std::vector<std::string>& seeds, const char* extension, int typ
 
 }  // namespace
 
-// The first byte says whether the name promises EXR.
+// The first byte determines whether the file has the extension of EXR.
 void run_image(Data d) {
   if (d.empty()) return;
   const fs::path path = put(d[0] % 2 == 1 ? "x.exr" : "x.png", d.subspan(1));

@@ -12,7 +12,7 @@ NARROW = re.compile(r"^\s+(?:global|flat|buffer)_(?:load|store)_(?:dword|[us]?by
 
 
 def kernels_of(assembly):
-    """{kernel: figures} of the metadata, and accesses to global memory of the code."""
+    """Returns {kernel: figures} from the metadata, and the accesses to global memory in the code."""
     found = {}
     for part in assembly.split("\n  - .")[1:]:  # an entry of amdhsa.kernels
         name = re.search(r"^\s+\.name:\s+(\w+)$", part, re.M)

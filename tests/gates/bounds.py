@@ -11,8 +11,9 @@ named must be 0: those of a rasteriser never have a row here.
 BOUNDS = {
     # clang 15.0.6, ROCm's device libraries 5.2.3
     "gfx1030": {
-        # 126; 124 before the Newton step of 1/z (2026-11-28), 112 before a splat's path did not depend on its neighbours
-        # (2026-11-26). Registers are allocated in eights, so all from 121 to 128 have the same occupancy.
+        # Observed: 126. It was 124 before the Newton step for 1/z (2026-11-28), and 112 before the computation of a
+        # splat became independent of its neighbours (2026-11-26). Registers are allocated in blocks of eight, so the
+        # occupancy is the same from 121 to 128.
         "project_forward": {"vgpr": 128, "narrow": 44},
         "project_backward": {"vgpr": 256, "narrow": 150},
         "raster_gpu_forward": {"vgpr": 96, "lds": 12288, "narrow": 14},
@@ -23,7 +24,7 @@ BOUNDS = {
     },
     "gfx90a": {
         "project_forward": {"vgpr": 136, "narrow": 44},
-        # Spills go to accumulation registers, not to memory.
+        # Registers are spilled to accumulation registers, not to memory.
         "project_backward": {"vgpr": 320, "spill": 8, "narrow": 150},
         "raster_gpu_forward": {"vgpr": 112, "lds": 12288, "narrow": 14},
         "raster_gpu_backward": {"vgpr": 72, "lds": 28672, "narrow": 9},
@@ -35,7 +36,8 @@ BOUNDS = {
     "opencl_sm_90": {
         "project_forward": {"registers": 168, "instructions": 6330, "narrow": 64},
         "project_backward": {"registers": 255, "instructions": 11000, "narrow": 165},
-        # Long lists are drawn in parts (2026-11-27): 64 loads of the transmittances in front of a part, unrolled.
+        # Long lists are rendered in segments (2026-11-27), which needs 64 unrolled loads of the transmittances in front
+        # of a segment.
         "raster_gpu_forward": {"registers": 64, "instructions": 1600, "visit": 56, "narrow": 76},
         "raster_gpu_backward": {"registers": 48, "instructions": 820, "visit": 148, "narrow": 12},
         "sum_slots_scalar": {"registers": 36, "instructions": 370, "narrow": 34},
@@ -45,7 +47,7 @@ BOUNDS = {
     },
     # nvcc and ptxas 13.0
     "cuda_sm_90": {
-        # Of three splats.
+        # For three splats.
         "raster_gpu_forward": {"registers": 60, "visit": 144, "narrow": 52},
         "raster_gpu_backward": {"registers": 48, "visit": 136, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
@@ -60,6 +62,6 @@ BOUNDS = {
         "project_forward": {"registers": 128, "instructions": 4930, "narrow": 64},
         "project_backward": {"registers": 240, "instructions": 10080, "narrow": 200},
     },
-    # ocloc 22.43 of intel-opencl-icd with its graphics compiler; project.cl with 256 registers a thread.
+    # ocloc 22.43 of intel-opencl-icd with its graphics compiler; project.cl with 256 registers per thread.
     "xe_dg2": {"project_backward": {"spill": 0}},
 }

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instructions of the visit loops, and accesses to global memory, of the CUDA kernels for sm_90; and that both
-rasterisers compute the transmittance with the same arithmetic on every architecture."""
+"""Checks the number of instructions of the visit loops, and accesses to global memory, of the CUDA kernels for sm_90.
+Also checks that both rasterisers compute the transmittance with the same arithmetic on every architecture."""
 
 from collections import Counter
 
@@ -26,13 +26,14 @@ def unlike_transmittances(nvcc, nvdisasm, scratch):
         functions = sass.functions(gate.run([nvdisasm, "-c", binary]))
         found = {kernel: set().union(*(sass.transmittances(code) for name, code in functions.items() if kernel in name))
                  for kernel in ("raster_gpu_forward", "raster_gpu_backward")}
-        # Forward blends several splats one after the other: behind the last one it has computed that of all of them.
+        # The forward kernel blends several splats one after the other, so after the last one it has computed the
+        # transmittance of all of them.
         forward, backward = max(found["raster_gpu_forward"], key=len), min(found["raster_gpu_backward"], key=len)
         splats = forward.count("MUFU.EX2")
         counts = ", ".join(f"{n} {opcode}" for opcode, n in Counter(forward).items())
         print(f"sm_{architecture}: transmittance in forward, of {splats} splats: {counts}")
-        # A contraction turns FMUL and FADD into FFMA. FADD is not compared: of a loop that the compiler has rotated the
-        # analysis also counts one of the splat before.
+        # Contraction replaces FMUL and FADD by FFMA. FADD is not compared, because for a loop that the compiler has
+        # rotated, the analysis also counts an FADD of the previous splat.
         unlike = [name for name in {*forward, *backward} - {"FADD"} if forward.count(name) != splats * backward.count(name)]
         if len(found["raster_gpu_backward"]) != 1 or unlike:
             print(f"FAILED: sm_{architecture}: transmittance in backward {sorted(found['raster_gpu_backward'])}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the gates of offline compilers share: tools, programs, bounds, verdict (tests/gates/README.md).
+"""Functions that the gates of offline compilers share: tools, programs, bounds and the verdict (tests/gates/README.md).
 
 A gate prints a table and ends with 0, with 1 where a figure is above its bound, or with 77 (skipped) where a tool
 is missing. UBS_GATES=all: every program and N = 3, 6, 7 instead of one of each kind and N = 6.
@@ -27,7 +27,7 @@ def skip(what, how):
 
 
 def find(tools, names, folders=()):
-    """The first of these programs or files in the gates' own folder, on the path, in `folders`; or None."""
+    """Returns the first of these programs or files in the folder of the gates, in PATH, or in `folders`; or None."""
     for name in names:
         for folder in [tools / "venv" / "bin", tools / "root" / "usr" / "bin", *map(pathlib.Path, folders)]:
             if (folder / name).exists():
@@ -40,7 +40,7 @@ def find(tools, names, folders=()):
 
 
 def run(command, **more):
-    """Standard output and error of a command that must succeed."""
+    """Returns the standard output and error of a command. The command must succeed."""
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **more)
     if done.returncode != 0:
         print(" ".join(map(str, command)))
@@ -58,7 +58,8 @@ class Program:
         self.kind = re.sub(r"_\d+$", "", self.name)
 
     def options_with(self, **values):
-        """Options with other values of macros that they have: UBS_N, UBS_SUBGROUPS."""
+        """Returns the options with different values for macros that they already define, such as UBS_N and
+        UBS_SUBGROUPS."""
         options = self.options
         for name, value in values.items():
             options = [f"-D{name}={value}" if o.startswith(f"-D{name}=") else o for o in options]
@@ -66,7 +67,8 @@ class Program:
 
 
 def programs(folder):
-    """As the host gives them to a driver (gate_scene): of each kind the one with most kernels."""
+    """Returns the programs as the host passes them to a driver (gate_scene): for each kind, the one with the most
+    kernels."""
     found = [Program(path) for path in sorted(folder.glob("*.cl"))]
     if not found:
         print(f"FAILED: no program in {folder}: gate_scene has not run")
@@ -81,13 +83,13 @@ def programs(folder):
 
 
 def dims(program):
-    """Values of UBS_N to compile with."""
+    """Returns the values of UBS_N to compile with."""
     has = any(o.startswith("-DUBS_N=") for o in program.options)
     return ([3, 6, 7] if ALL else [6]) if has else [None]
 
 
 class Table:
-    """Figures beside their bounds. What is kept in memory, spilled or stacked must be 0 where no bound is stated."""
+    """Prints figures with their bounds. Memory for spills and the stack must be 0 if no bound is stated."""
 
     MUST_BE_ZERO = ("scratch", "stack", "spill")
 
@@ -108,7 +110,7 @@ class Table:
         print(f"  {name:<28}" + ", ".join(cells))
 
     def verdict(self):
-        """Whether all is within its bounds, and nothing that has one is missing."""
+        """Returns whether all figures are within their bounds, and no figure with a bound is missing."""
         missing = [k for k in self.bounds if k not in self.seen and (ALL or ", N = " not in k)]
         self.bad += [f"{self.target}: bounds.py has '{k}', which was not compiled" for k in missing]
         for line in self.bad:

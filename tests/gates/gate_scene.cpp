@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every OpenCL stage on a scene of two tiles, small enough for a simulator (tests/gates/README.md):
+// Runs every OpenCL stage on a scene of two tiles, which is small enough for a simulator
+// (tests/gates/README.md):
 //   gate_scene cpu|gpu [FOLDER]
 // cpu: with the kernels and the vectors that the host takes for a CPU, gpu: with those for a GPU, whatever
 // the device is. With FOLDER the device is taken for one that is not PoCL, and every program goes there as
@@ -29,12 +30,12 @@ constexpr int kDim = 6, kIterations = 2, kSplats = 20, kRoom = 24, kWidth = 20, 
 
 std::unique_ptr<Device> open_first(bool gpu, bool export_programs) {
   const std::vector<DeviceInfo> all = opencl::list_devices();
-  if (all.empty()) fail(ErrorKind::device, "there is no OpenCL device; install a driver");
+  if (all.empty()) fail(ErrorKind::device, "there is no OpenCL device: install a driver");
   std::vector<cl_platform_id> platforms(8);
   cl_uint count = 0;
   opencl::check(clGetPlatformIDs(8, platforms.data(), &count), "clGetPlatformIDs");
   cl_device_id device = nullptr;
-  DeviceInfo info = all[0];  // of the first platform that has devices
+  DeviceInfo info = all[0];  // the first platform that has devices
   for (cl_uint i = 0; i < count && device == nullptr; ++i)
     if (clGetDeviceIDs(platforms[i], CL_DEVICE_TYPE_ALL, 1, &device, nullptr) == CL_SUCCESS)
       platforms[0] = platforms[i];
@@ -44,7 +45,7 @@ std::unique_ptr<Device> open_first(bool gpu, bool export_programs) {
   return std::make_unique<opencl::OpenclDevice>(platforms[0], device, info);
 }
 
-// Some splats are dead, so that relocation has work.
+// Some splats are dead, so that there is something to relocate.
 SplatModel initial(const SplatModel& from) {
   SplatModel model = from;
   const int opacity = model.layout().opacity;
@@ -56,8 +57,8 @@ void require(bool holds, const char* what) {
   if (!holds) fail(ErrorKind::internal, "gate_scene: {}", what);
 }
 
-// Lists are made without waiting, the gradients of two views added up, one of them with a mask; splats move,
-// are added and get noise, all parameters are penalised.
+// Lists are built without waiting, and the gradients of two views are added, one of them with a mask. Splats
+// are relocated, added and displaced by noise, and all parameters are penalised.
 double train(Device& device, bench::BenchScene scene, const std::string& raster) {
   View& masked = scene.views.views[1];
   masked.image.mask.assign(kWidth * kHeight, 1);
@@ -83,12 +84,12 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
     return true;
   });
   require(std::isfinite(loss) && loss > 0, "the loss is not a positive number");
-  require(std::isfinite(psnr) && psnr > 3, "the drawn view has nothing of its target");
+  require(std::isfinite(psnr) && psnr > 3, "the rendered view does not resemble its target");
   require(trainer.model().count > scene.model.count, "no splat was added");
   return loss;
 }
 
-// With lists that are waited for, and depth.
+// Renders with lists whose size is waited for, and with depth.
 float largest_weight(Device& device, const bench::BenchScene& scene, RasterKind raster) {
   const DeviceGroups groups(device, MixedModel(scene.model), {.raster = raster, .depth = true});
   Renderer renderer(device, groups.stages());

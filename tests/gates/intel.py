@@ -8,7 +8,7 @@ import gate
 
 
 def kernels_of(binary):
-    """{kernel: figures} of .ze_info, which is YAML."""
+    """Returns {kernel: figures} from .ze_info, which is YAML."""
     text = binary[binary.rindex(b"\nkernels:"):].decode(errors="replace")
     found = {}
     for part in re.split(r"^  - name:\s+", text.split("\nkernels_misc_info")[0], flags=re.M)[1:]:
@@ -27,7 +27,7 @@ def main():
     args = gate.arguments(__doc__)
     ocloc = gate.find(args.tools, ["ocloc"])
     if not ocloc:
-        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates, which unpacks it beside the build")
+        gate.skip("ocloc", "install intel-opencl-icd, or run tools/setup.sh gates, which unpacks it next to the build")
     libraries = args.tools / "root/usr/lib/x86_64-linux-gnu"
     environment = {**os.environ, "LD_LIBRARY_PATH": f"{libraries}:{os.environ.get('LD_LIBRARY_PATH', '')}"}
     table = gate.Table("xe_dg2")

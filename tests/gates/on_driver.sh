@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs a command on an OpenCL implementation that the machine's other programs do not see (tests/gates/README.md):
+# Runs a command on an OpenCL implementation that is hidden from the other programs of the machine
+# (tests/gates/README.md):
 #   tests/gates/on_driver.sh DRIVER TOOLS COMMAND...
-# DRIVER: races | uninitialised (Oclgrind), rusticl (Mesa, on llvmpipe), intel (Intel's runtime for CPUs). TOOLS: the
-# folder that tools/setup.sh fills. Ends with 77, saying why, where the implementation is missing, or with UBS_GATES
-# other than `all` where "long" comes before DRIVER.
+# DRIVER: races or uninitialised (Oclgrind), rusticl (Mesa with llvmpipe), or intel (Intel's runtime for
+# CPUs). TOOLS: the folder into which tools/setup.sh installs them. The script prints a message and exits with
+# 77 if the implementation is missing, or if "long" precedes DRIVER and UBS_GATES is not `all`.
 set -euo pipefail
 
 if [ "$1" = long ]; then
@@ -22,16 +23,17 @@ missing() {
   exit 77
 }
 
-# Both kinds of kernel errors that Oclgrind is here for must be seen in a kernel that has them.
+# Oclgrind must detect both kinds of errors in a kernel that contains them.
 check_oclgrind() { # folder, option, what it says, statement
   printf '__kernel void wrong(__global int* to) { __local int l[2]; if (get_local_id(0) > 9) l[0] = 1; %s }\n' "$4" \
     >"$1/wrong.cl"
   printf '%s\nwrong\n2 1 1\n2 1 1\n<size=8 fill=0>\n' "$1/wrong.cl" >"$1/wrong.sim"
   oclgrind-kernel "$2" "$1/wrong.sim" 2>&1 | grep "$3" >/dev/null ||
-    { echo "FAILED: oclgrind $2 does not find what is wrong in $4"; exit 1; }
+    { echo "FAILED: oclgrind $2 does not detect the error in $4"; exit 1; }
 }
 
-# Formulas stay calls: at -O0 because Oclgrind does not know `freeze`, else because of the scopes that inlining leaves.
+# Functions are not inlined: with -O0, because Oclgrind does not support `freeze`, and otherwise because of
+# the scopes that inlining creates.
 on_oclgrind() { # option, options of its compiler, command
   local option=$1 compiler=$2
   shift 2

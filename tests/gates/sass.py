@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading what ptxas says and what nvdisasm prints."""
+"""Functions that parse the output of ptxas and nvdisasm."""
 
 import re
 
@@ -17,7 +17,7 @@ def disassembler(tools):
 
 
 def resources(log):
-    """{kernel: registers, stack, spills} of `ptxas -v`."""
+    """Returns {kernel: registers, stack, spills} from the output of `ptxas -v`."""
     found, name = {}, None
     for line in log.splitlines():
         if match := re.search(r"Compiling entry function '(\w+)'", line):
@@ -36,7 +36,7 @@ def resources(log):
 
 
 def functions(text):
-    """{function: its lines} of `nvdisasm -c`."""
+    """Returns {function: lines} from the output of `nvdisasm -c`."""
     found, lines = {}, None
     for line in text.splitlines():
         if match := re.match(r"^\.text\.(\w+):", line):
@@ -49,22 +49,23 @@ def functions(text):
 
 
 def loops(lines):
-    """All instructions, and of each loop the places of its first and its last one: a branch back."""
+    """Returns all instructions, and for each loop the indices of its first and its last instruction, which is a
+    backward branch."""
     code, labels, found = [], {}, []
     for line in lines:
         if match := LABEL.match(line):
             labels[match[1]] = len(code)
         elif match := INSTRUCTION.match(line):
             target = re.search(r"\bBRA\b.*`\((\.L\w+)\)", match[1])
-            if target and target[1] in labels and labels[target[1]] < len(code):  # not the halt at the end
+            if target and target[1] in labels and labels[target[1]] < len(code):  # not the endless loop at the end
                 found.append((labels[target[1]], len(code)))
             code.append(match[1])
     return code, found
 
 
 def counts(lines):
-    """Instructions, accesses to global memory by width, and of kernels that blend the longest visit: a loop with an
-    exponential and without another such loop in it."""
+    """Returns the number of instructions and the accesses to global memory by width. For kernels that blend, also
+    returns the longest visit loop: a loop that contains an exponential and no other such loop."""
     code, all_loops = loops(lines)
     reach = [match[0] for i in code if (match := re.search(r"\b(?:LDG|STG|LD|ST)\.E[.\w]*", i))]
     wide = sum(bool(re.search(r"\.(64|128)$|\.(64|128)\.", i)) for i in reach)
@@ -77,8 +78,8 @@ def counts(lines):
 
 
 def arithmetic_of(code, end, register, begin):
-    """Sorted opcodes of the additions, multiplications and special functions between `begin` and `end` that `register`
-    at `end` depends on."""
+    """Returns the sorted opcodes of the additions, multiplications and special functions between `begin` and `end` on
+    which `register` depends at `end`."""
     wanted, opcodes = {register}, []
     for line in reversed(code[begin:end]):
         words = re.match(r"(@!?U?P\d+ )?\s*([A-Z][\w.]*)\s+(.*)", line)
@@ -86,7 +87,7 @@ def arithmetic_of(code, end, register, begin):
         registers = re.findall(r"\bR\d+\b", words[3]) if words else []
         if not registers or not operands or operands[0].strip() not in wanted:
             continue
-        if not words[1]:  # else an earlier value may stay
+        if not words[1]:  # otherwise an earlier value may remain
             wanted.discard(registers[0])
         wanted.update(registers[1:])
         opcode = words[2].split(".")[0] if not words[2].startswith("MUFU") else words[2]
@@ -96,7 +97,8 @@ def arithmetic_of(code, end, register, begin):
 
 
 def transmittances(lines):
-    """arithmetic_of the transmittance behind a splat, for each visit loop of a kernel: what is compared with 1e-4."""
+    """Returns arithmetic_of() for the transmittance behind a splat, which is compared with 1e-4, for each visit loop of
+    a kernel."""
     code, all_loops = loops(lines)
     found = set()
     for at, line in enumerate(code):

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Oclgrind 21.10 (--uninitialized) takes a write, fill or copy by the host for the whole of its buffer: it
-// keeps notes of as many bytes as came, and everything after them is read beside its notes. Under Oclgrind
-// these three calls, which stand in front of the library's own, therefore write a buffer of their own, whole,
-// and a kernel brings it to its place: what kernels store Oclgrind follows byte by byte. On other platforms
-// they pass on.
+// Oclgrind 21.10 (--uninitialized) assumes that a write, fill or copy by the host covers the whole buffer: it
+// only stores shadow memory for the transferred bytes, and reads out of bounds after them. Therefore, the
+// three functions of this file replace those of the library. Under Oclgrind, they write a complete temporary
+// buffer, and a kernel copies it to its destination, because Oclgrind tracks stores of kernels byte by byte.
+// On other platforms they call the original functions.
 #define CL_TARGET_OPENCL_VERSION 120
 #include <CL/cl.h>
 #include <dlfcn.h>

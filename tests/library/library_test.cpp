@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shared library as a C++ program sees it, through ubs.hpp alone, and beside the executable: the same
-// settings give the same bits.
+// Tests the shared library as used by a C++ program, through ubs.hpp only. With the same settings, its
+// results must be bit-identical to those of the executable.
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -55,7 +55,7 @@ void run_ubs(const std::string& arguments) {
   output_of(std::string(UBS_EXECUTABLE) + " " + arguments + " 2>&1");
 }
 
-// A small data set of the executable, made once.
+// A small data set, which the executable creates once.
 const Folder& scene() {
   static const Folder folder;
   static const bool made = [] {
@@ -66,7 +66,7 @@ const Folder& scene() {
   return folder;
 }
 
-// As options of the executable and as settings.
+// Converts settings to options of the executable, and to settings of the library.
 const std::vector<std::pair<std::string, std::string>> kSettings{
     {"iterations", "60"}, {"init_points", "300"}, {"cap_max", "400"}, {"dim", "6"}, {"log_every", "5"}};
 
@@ -93,7 +93,7 @@ ubs_camera simple_camera(int width = 24, int height = 16) {
   return camera;
 }
 
-// In front of simple_camera(). The seed moves the splats.
+// Returns a model in front of simple_camera(). The seed determines the positions of the splats.
 ubs::Model small_model(int dim = 3, unsigned seed = 0, std::size_t splats = 40) {
   ubs::Model model(ubs::Settings().set("dim", dim), splats);
   unsigned state = seed + 1;
@@ -133,7 +133,7 @@ std::vector<float> all_values(const ubs::Model& model) {
   return all;
 }
 
-TEST_CASE("the shared library shows the functions of its header and nothing else") {
+TEST_CASE("the shared library exports the functions of its header and nothing else") {
   std::set<std::string> shown, declared;
   std::istringstream symbols(output_of("nm -D --defined-only " UBS_LIBRARY));
   for (std::string address, kind, name; symbols >> address >> kind >> name;)
@@ -148,7 +148,8 @@ TEST_CASE("the shared library shows the functions of its header and nothing else
   CHECK(shown == declared);
 }
 
-// The variables that this process has and did not start with; tests/main.cpp sets some of UBS_.
+// Returns the environment variables that this process did not start with. tests/main.cpp sets some that start
+// with UBS_.
 std::set<std::string> added_variables() {
   std::set<std::string> started;
   std::istringstream block(content("/proc/self/environ"));
@@ -161,15 +162,15 @@ std::set<std::string> added_variables() {
   return added;
 }
 
-TEST_CASE("the library leaves the environment of the process alone") {
-  CHECK(added_variables() == std::set<std::string>{});  // loaded, and nothing else yet
+TEST_CASE("the library does not change the environment of the process") {
+  CHECK(added_variables() == std::set<std::string>{});  // loaded, but not used yet
   ubs::Device device;
   const ubs::Data data(scene() / "data");
   CHECK_FALSE(data.image("train", 0).empty());
   CHECK(added_variables() == std::set<std::string>{});
 }
 
-TEST_CASE("an EXR image is refused in words where OpenCV's decoder is switched off") {
+TEST_CASE("an EXR image is rejected with a message if OpenCV's decoder is disabled") {
   const Folder folder;
   run_ubs("synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out " + (folder / "data"));
   const std::string image = folder / "data/train/r_000.png";
@@ -177,7 +178,7 @@ TEST_CASE("an EXR image is refused in words where OpenCV's decoder is switched o
   check_error(UBS_ERROR_DATA, "OPENCV_IO_ENABLE_OPENEXR=1", [&] { ubs::Data(folder / "data"); });
 }
 
-TEST_CASE("training through the library gives the bits of the executable") {
+TEST_CASE("training with the library gives the same bits as with the executable") {
   const Folder& folder = scene();
   run_ubs("train --quiet --data " + (folder / "data") + " --out " + (folder / "run") + as_options());
   const std::string expected = content(folder / "run/model.ply");
@@ -203,7 +204,8 @@ TEST_CASE("training through the library gives the bits of the executable") {
   CHECK(content(out / "whole.ply") == expected);
   CHECK(content(folder / "run/metrics.json").find("\"psnr\"") != std::string::npos);
 
-  // Stopped by its function, in single steps, kept and continued by another trainer.
+  // Training is stopped by its step function, done in single steps, and saved and continued by another
+  // trainer.
   ubs::Trainer parts(device, data, settings());
   parts.run([&](const ubs_step& step) { return step.iteration < 17; });
   CHECK(parts.status().iteration == 17);
@@ -217,7 +219,8 @@ TEST_CASE("training through the library gives the bits of the executable") {
   again.model().save(out / "parts.ply");
   CHECK(content(out / "parts.ply") == expected);
 
-  // From a first model, which is the one that training makes itself: in the unit of the data to the bit.
+  // Starting from an initial model that is equal to the one that training creates, bit for bit in the unit of
+  // the data.
   const ubs::Settings in_unit = settings().set("unit", "1");
   const ubs::Model initial = ubs::Model::initial(data, in_unit);
   ubs::Trainer given(device, data, in_unit, &initial), own(device, data, in_unit);
@@ -236,7 +239,7 @@ TEST_CASE("training through the library gives the bits of the executable") {
   check_error(UBS_ERROR_USAGE, "room for 400", [&] { again.restore(out / "larger.ubs"); });
 }
 
-TEST_CASE("data of arrays are those of the folder, and gradients and pictures those of the executable") {
+TEST_CASE("data of arrays equal those of the folder, and gradients and images those of the executable") {
   const Folder& folder = scene();
   const ubs::Data opened(folder / "data");
   ubs::Data made;
@@ -250,7 +253,7 @@ TEST_CASE("data of arrays are those of the folder, and gradients and pictures th
   CHECK(made.view_count("val") == 0);
   CHECK(made.image("test", 1) == opened.image("test", 1));
   ubs::Device device;
-  // Arrays are opaque, the images of the folder are not.
+  // Arrays are opaque, but the images of the folder are not.
   const auto first =
       settings().set("iterations", 20).set("background", "black").set("random_background", "off");
   ubs::Trainer a(device, opened, first), b(device, made, first);
@@ -287,7 +290,7 @@ TEST_CASE("data of arrays are those of the folder, and gradients and pictures th
   CHECK(norm(all_values(gradient)) > 0);
   CHECK(all_values(gradient) == all_values(ubs::Model(out / "gradient.ply")));
 
-  // The gradient of the mean difference, made here, against that of the loss.
+  // Compares the gradient of the mean difference, computed here, with that of the loss.
   std::vector<float> v(target.size());
   for (std::size_t i = 0; i < v.size(); ++i)
     v[i] = (picture.rgb[i] > target[i] ? 1.0f : -1.0f) / static_cast<float>(v.size());
@@ -300,7 +303,7 @@ TEST_CASE("data of arrays are those of the folder, and gradients and pictures th
   CHECK(norm(difference) <= 1e-5 * norm(x));
 }
 
-TEST_CASE("models keep their values in files and hand out pointers that stay") {
+TEST_CASE("models preserve their values in files, and their pointers stay valid") {
   Folder out;
   const ubs::Model model = small_model(7);
   CHECK(model.info().dim == 7);
@@ -333,7 +336,7 @@ TEST_CASE("models keep their values in files and hand out pointers that stay") {
   CHECK(all_values(ubs::Model(out / "older.ply")) == all_values(loaded));
   fs::create_symlink("older.ply", fs::path(out / "link.ply"));
   check_error(UBS_ERROR_DATA, "link.ply: this is a symbolic link", [&] { loaded.save(out / "link.ply"); });
-  check_error(UBS_ERROR_USAGE, "there is no format", [&] { loaded.save(out / "x.ply", "obj"); });
+  check_error(UBS_ERROR_USAGE, "unknown output format", [&] { loaded.save(out / "x.ply", "obj"); });
   check_error(UBS_ERROR_USAGE, "time = nan",
               [&] { loaded.save(out / "x.ply", "3dgs", std::numeric_limits<double>::quiet_NaN()); });
 }
@@ -374,9 +377,10 @@ TEST_CASE("two devices in a process, and two threads with a renderer each") {
     for (const auto& picture : found[k]) CHECK(picture == expected[k]);
 }
 
-// Of sum(w . image) + sum(w . depth) by central differences of what is drawn, which single precision and the
-// rims of the splats leave two digits; the pipeline's tests compare with float64.
-TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
+// Compares the gradient of sum(w . image) + sum(w . depth) with central differences of renders. Due to single
+// precision and the rims of the splats, these have only two correct digits. The tests of the pipeline compare
+// with float64.
+TEST_CASE("gradients of depth and of the camera agree with differences of renders") {
   ubs::Device device;
   const ubs::Model model = small_model(6);
   for (float& v : model.parameter("opacity").values) v += 2;
@@ -387,7 +391,7 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
   std::vector<float> v_rgb(3 * pixels), v_depth(pixels);
   for (std::size_t i = 0; i < v_rgb.size(); ++i) v_rgb[i] = std::sin(0.02f * static_cast<float>(i));
   const ubs::Picture before = renderer.draw(camera);
-  for (std::size_t i = 0; i < pixels; ++i)  // where the model is: elsewhere depth jumps
+  for (std::size_t i = 0; i < pixels; ++i)  // where the model is, because depth is discontinuous elsewhere
     v_depth[i] = before.alpha[i] > 0.1f ? 0.3f : 0.0f;
   renderer.vjp(camera, v_rgb, {}, nullptr, v_depth);
   check_error(UBS_ERROR_USAGE, "render it again", [&] { renderer.array(UBS_ARRAY_RGB); });
@@ -434,7 +438,7 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
   before_sky.vjp(camera, v_rgb, {}, nullptr);
   check_error(UBS_ERROR_USAGE, "sky", [&] { before_sky.camera_gradient(); });
 
-  // A program that was compiled before the struct had depth.
+  // Simulates a program that was compiled before the struct had depth.
   auto v = ubs::sized<ubs_image_gradient>();
   v.size = offsetof(ubs_image_gradient, depth);
   v.rgb = v_rgb.data();
@@ -445,7 +449,7 @@ TEST_CASE("gradients of depth and of the camera are those of what is drawn") {
   CHECK(all_values(old) == all_values(now));
 }
 
-TEST_CASE("what is made and freed again leaves no memory on the device") {
+TEST_CASE("creating and freeing objects leaves no memory allocated on the device") {
   ubs::Device device;
   const ubs::Model model = small_model();
   const auto once = [&] {
@@ -464,7 +468,7 @@ TEST_CASE("what is made and freed again leaves no memory on the device") {
   CHECK(device.info().allocated_bytes == before);
 }
 
-TEST_CASE("a renderer takes other values of the parameters") {
+TEST_CASE("a renderer accepts new values of the parameters") {
   ubs::Device device;
   const ubs::Model one = small_model(6, 1), other = small_model(6, 5), fewer = small_model(6, 5, 10),
                    more = small_model(6, 5, 41);
@@ -498,7 +502,7 @@ TEST_CASE("a step function may read, stop and throw") {
   CHECK(trainer.status().iteration == 3);
 }
 
-TEST_CASE("errors name what is wrong") {
+TEST_CASE("errors describe the problem") {
   ubs::Device device;
   const ubs::Model model = small_model();
   ubs::Renderer renderer(device, model);
@@ -523,7 +527,7 @@ TEST_CASE("errors name what is wrong") {
   camera.fx = 0;
   check_error(UBS_ERROR_DATA, "focal length", [&] { renderer.draw(camera); });
   camera = simple_camera();
-  camera.width = camera.height = 2000000000;  // which no vector has room for
+  camera.width = camera.height = 2000000000;  // larger than any possible vector
   check_error(UBS_ERROR_DATA, "is not possible", [&] { renderer.draw(camera); });
   camera = simple_camera();
   camera.extra_count = 5;
@@ -557,7 +561,7 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_USAGE, "split", [&] { data.add_view("training", "", simple_camera(), image); });
   check_error(UBS_ERROR_USAGE, "not a valid view name",
               [&] { data.add_view("train", "a/b", simple_camera(), image); });
-  // A view that is refused makes no split.
+  // A rejected view does not create a split.
   check_error(UBS_ERROR_USAGE, "not a valid view name",
               [&] { data.add_view("val", "a/b", simple_camera(), image); });
   check_error(UBS_ERROR_USAGE, "no split 'val'", [&] { data.image("val", 0); });
@@ -578,7 +582,7 @@ TEST_CASE("errors name what is wrong") {
   check_error(UBS_ERROR_DATA, "no test views", [&] { ubs::Trainer(device, full, settings()).evaluate(); });
   const ubs::Model wrong = small_model(3);
   check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
-  const ubs::Model other_form = small_model(6);  // was read as one of the settings' form
+  const ubs::Model other_form = small_model(6);  // was interpreted as one of the form of the settings
   check_error(UBS_ERROR_USAGE, "has the form 'default', but the settings have 'colour sh3'",
               [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
   ubs::Trainer trainer(device, full, settings());
@@ -593,7 +597,7 @@ TEST_CASE("errors name what is wrong") {
   CHECK(none == nullptr);
 }
 
-TEST_CASE("settings without effect, scenes, splats that are replaced") {
+TEST_CASE("settings without effect, scenes, and replaced splats") {
   const ubs::Settings set = ubs::Settings().set("background", "1,1,1").set("eps2d", "0.5");
   set.check_effect(UBS_USE_RENDERER);
   set.check_effect(UBS_USE_MODEL);
@@ -631,7 +635,7 @@ TEST_CASE("settings without effect, scenes, splats that are replaced") {
   check_error(UBS_ERROR_USAGE, "1 to 100000000 splats", [&] { before.like(0); });
 }
 
-TEST_CASE("every setting can be read and set to what it is") {
+TEST_CASE("every setting can be read, and set to its own value") {
   ubs::Settings settings;
   std::size_t count = 0;
   for (;; ++count) {
@@ -646,7 +650,7 @@ TEST_CASE("every setting can be read and set to what it is") {
 
 }  // namespace
 
-// For tests/main.cpp: the library chooses by itself.
+// Required by tests/main.cpp. It does nothing, because the library selects the device itself.
 namespace ubs::test {
 int use_device(const std::string&, bool, bool) { return 0; }
 }  // namespace ubs::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes the CUDA back end on the host a back end of the library that this is linked into.
+// Adds the CUDA back end on the host to the back ends of the library that is linked with this file.
 #include "tests/cuda/backend.hpp"
 
 namespace {

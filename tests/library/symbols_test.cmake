@@ -1,4 +1,5 @@
-# The library brings nothing of the float64 reference, nor of what measures ubs: cmake -DNM=... -DLIBRARY=... -P
+# Tests that the library contains no symbols of the float64 reference or of the code that measures ubs: cmake
+# -DNM=... -DLIBRARY=... -P
 execute_process(COMMAND ${NM} ${LIBRARY} OUTPUT_VARIABLE symbols COMMAND_ERROR_IS_FATAL ANY)
 if(NOT symbols MATCHES "3ubs5check")
   message(FATAL_ERROR "${LIBRARY} is stripped, or has no check of devices")

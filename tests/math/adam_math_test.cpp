@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// adam.h in double against the recurrence written out, and the penalties against finite differences.
+// Compares adam.h in double precision with an explicit implementation of the recurrence, and the penalties
+// with finite differences.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -62,17 +63,17 @@ TEST_CASE("the first adam step has the size of the learning rate", "[adam]") {
   }
 }
 
-TEST_CASE("adam without gradient stays, with a tiny one is damped by epsilon", "[adam]") {
+TEST_CASE("adam without a gradient makes no step, and epsilon damps the step for a tiny one", "[adam]") {
   const AdamState still = adam_update({0.7, 0, 0}, 0, 0.05, constants(1));
   CHECK(still.param == 0.7);
   const AdamState tiny = adam_update({0, 0, 0}, 1e-20, 0.05, constants(1));
   CHECK(tiny.param == Approx(-0.05 * 1e-20 / (1e-20 + 1e-15)).epsilon(1e-12));
 }
 
-TEST_CASE("a state is not finite when any of its numbers is not", "[adam]") {
+TEST_CASE("a state is not finite if any of its numbers is not", "[adam]") {
   constexpr double kMost = std::numeric_limits<double>::max();
   CHECK_FALSE(adam_not_finite({0, 0, 0}));
-  CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // their sum is not
+  CHECK_FALSE(adam_not_finite({kMost, kMost, kMost}));  // their sum is not finite
   CHECK_FALSE(adam_not_finite({-kMost, 1e-310, 0}));
   for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
     CHECK(adam_not_finite({bad, 1, 1}));
@@ -81,7 +82,7 @@ TEST_CASE("a state is not finite when any of its numbers is not", "[adam]") {
   }
 }
 
-TEST_CASE("penalties are the slopes of the activations", "[adam]") {
+TEST_CASE("penalties are the derivatives of the activations", "[adam]") {
   for (const double raw : {-30.0, -4.0, -0.3, 0.0, 0.9, 7.0}) {
     const auto sigmoid = [](double x) { return 0.25 / (1 + std::exp(-x)); };
     const auto softplus = [](double x) { return 0.25 * std::log(1 + std::exp(x)); };
@@ -98,6 +99,6 @@ TEST_CASE("penalties are the slopes of the activations", "[adam]") {
   }
   CHECK(penalty_vjp(kRowOpacity, 0.9, both) == opacity_penalty_vjp(0.9, 0.5));
   CHECK(penalty_vjp(kRowScale + 2, 0.9, both) == scale_penalty_vjp(0.9, 0.25));
-  // o (1 - o) without cancellation where 1 - o is far below an ulp of o.
+  // o (1 - o) must have no cancellation if 1 - o is far below an ulp of o.
   CHECK(opacity_penalty_vjp(50.0, 1.0) == Approx(std::exp(-50.0)).epsilon(1e-12));
 }

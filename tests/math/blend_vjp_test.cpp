@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compositing of a few splats at a pixel (kernels/math/blend.h) and its VJP in double precision against
-// central differences; compiled for each spatial kernel (UBS_FALLOFF).
+// Compares the VJP of compositing a few splats at a pixel (kernels/math/blend.h) in double precision with
+// central differences. This file is compiled for each spatial kernel (UBS_FALLOFF).
 #ifdef UBS_ALPHA_MIN  // of the build; the kernels have a default
 #define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
 #elif UBS_FALLOFF == 1
@@ -90,8 +90,8 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     const std::vector<Splat> analytic = gradient(splats);
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
-      // A difference must not step over the rim or over the least alpha, which for beta is 1/255 here too, so
-      // that all forms test the same pixels.
+      // The steps of the differences must not cross the rim or the minimum alpha. The minimum is also 1/255
+      // for the Beta kernel here, so that all forms test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;
@@ -116,7 +116,7 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
 }
 
 #if UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN
-TEST_CASE("the Gaussian kernel ends where alpha is 1/255", "[math][variants]") {
+TEST_CASE("the Gaussian kernel ends at an alpha of 1/255", "[math][variants]") {
   const Splat s{0, 0, 1, 0, 1, 0.8, 0, 1, 1, 1};
   const auto alpha = [&](double distance, double opacity) {
     Splat moved = s;
@@ -125,7 +125,7 @@ TEST_CASE("the Gaussian kernel ends where alpha is 1/255", "[math][variants]") {
   };
   CHECK(alpha(1, 0.8) == Approx(0.8 * std::exp(-0.5)));
   CHECK(alpha(2.99, 0.8) == Approx(0.8 * std::exp(-0.5 * 2.99 * 2.99)));
-  // 3.329 deviations are where 1/255 of an opaque Gaussian is left, whose alpha is at most 0.99.
+  // At 3.329 standard deviations, 1/255 remains of an opaque Gaussian, whose alpha is at most 0.99.
   CHECK(alpha(3.32, 1) == Approx(std::exp(-0.5 * 3.32 * 3.32)));
   CHECK(alpha(3.33, 1) == 0);
   CHECK(alpha(3.25, 0.8) == Approx(0.8 * std::exp(-0.5 * 3.25 * 3.25)));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// loss.h in double: the SSIM of one window against the textbook formula, the whole gradient against
-// central differences of a dense evaluation with zero padding.
+// Tests loss.h in double precision: compares the SSIM of one window with the textbook formula, and the whole
+// gradient with central differences of a dense evaluation with zero padding.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -27,13 +27,13 @@ double window(int dx, int dy) {
   return std::exp(-(dx * dx + dy * dy) / 4.5) / (sum * sum);
 }
 
-// Textbook SSIM from the five window means of x, t, x^2, t^2, x t.
+// The textbook SSIM, computed from the five window means of x, t, x^2, t^2 and x t.
 double textbook(double x, double t, double xx, double tt, double xt) {
   return (2 * x * t + 1e-4) * (2 * (xt - x * t) + 9e-4) /
          ((x * x + t * t + 1e-4) * (xx - x * x + tt - t * t + 9e-4));
 }
 
-// Window mean at (px, py) of f(i); pixels outside count as zero.
+// Returns the window mean of f(i) at (px, py). Pixels outside count as zero.
 template <class F>
 double blur(int px, int py, const F& f) {
   double sum = 0;
@@ -127,7 +127,8 @@ TEST_CASE("the gradient of the loss matches central differences", "[loss]") {
       plus[i] += kStep, minus[i] -= kStep;
       const double difference =
           (loss(plus, images.t, kLambda) - loss(minus, images.t, kLambda)) / (2 * kStep);
-      // Worst seen: 1.5e-10 absolute and 2.8e-8 of a gradient of 0.007, the noise of the difference.
+      // Largest errors observed: 1.5e-10 absolute, and 2.8e-8 relative for a gradient of 0.007, which is the
+      // noise of the differences.
       REQUIRE(gradient == Approx(difference).epsilon(5e-8).margin(3e-10));
     }
 }

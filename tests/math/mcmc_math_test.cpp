@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// mcmc.h in double: the opacity rule, the sampling weights, the noise, and the schedule's growth.
+// Tests mcmc.h in double precision: the opacity rule, the sampling weights, the noise, and the growth of the
+// schedule.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -25,7 +26,7 @@ double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
 
-TEST_CASE("a source and its copies absorb what the source did", "[mcmc]") {
+TEST_CASE("a source and its copies absorb as much light as the source before", "[mcmc]") {
   for (const double raw : {-4.0, -1.0, 0.0, 2.0, 8.0})
     for (const double parts : {2.0, 3.0, 7.0, 20.0}) {
       const double opacity = sigmoid(split_raw_opacity(raw, parts));
@@ -46,12 +47,12 @@ TEST_CASE("split opacities stay between 0.005 and 1 - 2^-23", "[mcmc]") {
   CHECK(split_raw_opacity(kNan, 2.0) == UBS_RAW_OPACITY_MIN);
 }
 
-TEST_CASE("one part leaves the opacity", "[mcmc]") {
+TEST_CASE("with one part, the opacity does not change", "[mcmc]") {
   for (const double raw : {-5.0, -2.0, 0.0, 3.0, 15.0})
     CHECK(split_raw_opacity(raw, 1.0) == Approx(raw).epsilon(1e-12).margin(1e-12));
 }
 
-TEST_CASE("sampling weights are rounded opacities, zero where nothing may be drawn", "[mcmc]") {
+TEST_CASE("sampling weights are rounded opacities, and zero for splats that must not be chosen", "[mcmc]") {
   CHECK(sampling_weight(0.0) == 8388608.0);
   CHECK(sampling_weight(100.0) == 16777216.0);
   CHECK(sampling_weight(-100.0) == 0.0);
@@ -94,7 +95,7 @@ TEST_CASE("noise that is not finite is no noise", "[mcmc]") {
   CHECK((nan.e[0] == 0 && nan.e[1] == 0 && nan.e[2] == 0));
 }
 
-// method.md 4.3: the arithmetic that the schedule must follow.
+// The schedule must follow the arithmetic of method.md 4.3.
 TEST_CASE("two per cent growth reproduces the published primitive counts", "[mcmc]") {
   const auto grown = [](long count) {
     return static_cast<long>(std::floor(1.02 * static_cast<double>(count)));

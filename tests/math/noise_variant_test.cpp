@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The noise of kernels/math/mcmc.h for the variants of the covariance, compiled once for each: it is
-// Sigma_x times the normals, with Sigma_x the leading block of a dense L L^T built here.
+// Tests the noise of kernels/math/mcmc.h for the variants of the covariance. This file is compiled once for
+// each. The noise must be Sigma_x times the normals, where Sigma_x is the leading block of a dense L L^T that
+// is computed here.
 // clang-format off: the mathematics need the header in front of them
 #include "tests/math/shared_math.hpp"
 // clang-format on
@@ -25,7 +26,7 @@ TEST_CASE("noise follows Sigma_x, " UBS_STRING(UBS_TEST_VARIANT), "[mcmc][varian
     for (int c = 0; c < r; ++c) spatial[r][c] = raw.rotation[r * (r - 1) / 2 + c];
   }
 #elif UBS_COV_PARAM == UBS_COV_SKEW_ND
-  // Entries in the packing of the file: (1,0), (2,0), (2,1), then (i, 0..2) of the query rows i.
+  // The entries have the order of the file: (1,0), (2,0), (2,1), then (i, 0..2) of the query rows i.
   for (int r = 0; r < 3; ++r) spatial[r][r] = scale[r];
   const int pairs[3][2] = {{0, 1}, {0, 2}, {1, 2}};
   for (int m = 0; m < 3; ++m) {

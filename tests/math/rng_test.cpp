@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Philox against the known answers of its authors' library (Random123) and against the host's own
-// copy; the normals' moments.
+// Compares Philox with the known results of the library of its authors (Random123) and with the
+// implementation of the host, and tests the moments of the normals.
 // clang-format off
 #include <catch2/catch.hpp>
 
@@ -27,7 +27,7 @@ void check_words(RandomWords counter, unsigned key0, unsigned key1, RandomWords 
 
 }  // namespace
 
-TEST_CASE("philox gives the published known answers", "[rng]") {
+TEST_CASE("philox gives the published results", "[rng]") {
   check_words({0, 0, 0, 0}, 0, 0, {0x6627e8d5u, 0xe169c58du, 0xbc57ac4cu, 0x9b00dbd8u});
   const unsigned ones = 0xffffffffu;
   check_words({ones, ones, ones, ones}, ones, ones, {0x408f276du, 0x41c83b0eu, 0xa20bc7c6u, 0x6d5451fdu});
@@ -47,7 +47,7 @@ TEST_CASE("the kernels' philox is the host's", "[rng]") {
   }
 }
 
-TEST_CASE("draws differ in every part of the counter", "[rng]") {
+TEST_CASE("random numbers depend on every part of the counter", "[rng]") {
   const RandomWords base = random_words(1, 2, 3, 4, 5, 6);
   for (const RandomWords other :
        {random_words(9, 2, 3, 4, 5, 6), random_words(1, 9, 3, 4, 5, 6), random_words(1, 2, 9, 4, 5, 6),
@@ -74,7 +74,7 @@ TEST_CASE("normals have the moments of the normal distribution", "[rng]") {
     for (const double x : {n.x, n.y, n.z, n.w}) sum += x, square += x * x, fourth += x * x * x * x;
     cross += n.x * n.y + n.z * n.w + n.x * n.z;
   }
-  // Five standard deviations of each estimate: sqrt(1/n), sqrt(2/n), sqrt(96/n), sqrt(1/n).
+  // The bounds are five standard deviations of each estimate: sqrt(1/n), sqrt(2/n), sqrt(96/n), sqrt(1/n).
   constexpr double kCount = 4.0 * kBlocks;
   CHECK(std::abs(sum / kCount) < 5 * std::sqrt(1 / kCount));
   CHECK(std::abs(square / kCount - 1) < 5 * std::sqrt(2 / kCount));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One form of the mathematics of a splat (kernels/math/splat.h) behind types that no form changes:
-// splat_form.cpp is compiled once for each form, and what tests them once for all (splat_vjp_test.cpp).
+// An interface to one form of the mathematics of a splat (kernels/math/splat.h) whose types do not depend on
+// the form. splat_form.cpp is compiled once for each form, and the tests in splat_vjp_test.cpp only once.
 #pragma once
 
 #include <array>
@@ -10,23 +10,23 @@
 
 namespace ubs::test {
 
-// Raw parameters by rows, and in the same place their gradients; or those of the camera.
+// Raw parameters by rows, or their gradients at the same indices; or those of the camera.
 using SplatValues = std::array<double, 128>;
 
-// Intermediate values; without the coupled factor the scales of the frame alone.
+// Intermediate values. Without the coupled factor, only the scales of the frame.
 struct SplatInside {
   double scale[11];
   bool lifted, coupled;           // of splat_thin
   bool from_factor;               // of splat_state
   double x[8], b[8][11];          // of the slice's input
   double frame[3][3], sum[3][3];  // the frame, and K as a sum
-  double m[3][3], shrink[3][3];   // what is drawn with in their place
+  double m[3][3], shrink[3][3];   // used for rendering in their place
 };
 
 struct SplatForm {
   const char* name;
   int n;
-  std::array<int, 9> variant;  // by the order of ubs::kVariantSwitches
+  std::array<int, 9> variant;  // in the order of ubs::kVariantSwitches
   bool query_grad, camera_grad, depth_grad;
   std::array<int, 9> rows;  // xyz, rgb, opacity, beta, query_beta, mean, scale, l_triangle, count
   int harmonics;
@@ -36,7 +36,7 @@ struct SplatForm {
   SplatInside (*inside)(const CameraView&, const SplatValues&);
 };
 
-// All that are linked.
+// Returns all linked forms.
 inline std::vector<const SplatForm*>& splat_forms() {
   static std::vector<const SplatForm*> forms;
   return forms;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way of one splat to the image (kernels/math/splat.h) and its VJP, in double precision, against
-// central differences: of every form that is linked (splat_form.hpp). Also the parameter rows of the kernels
-// against those of the host.
+// Compares the VJP of the computation of one splat (kernels/math/splat.h) in double precision with central
+// differences, for every linked form (splat_form.hpp). Also compares the parameter rows of the kernels with
+// those of the host.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -18,7 +18,7 @@ using ubs::test::SplatInside;
 using ubs::test::SplatValues;
 using Generator = std::mt19937_64;
 
-// A form with what follows from it. Rows, macros and types of the kernels that depend on one are not used
+// A form with derived values. Rows, macros and types of the kernels that depend on the form are not used
 // here.
 struct Form : SplatForm {
   explicit Form(const SplatForm& form)
@@ -65,7 +65,7 @@ CameraView random_camera(Generator& g) {
   return cam;
 }
 
-// slope: the splat's X/Z and Y/Z lie in [-slope, slope]; beyond about 0.5 the linearisation is clamped.
+// slope: X/Z and Y/Z of the splat are in [-slope, slope]. Beyond about 0.5, the linearisation is clamped.
 SplatValues random_splat(const Form& form, Generator& g, CameraView& cam, double slope) {
   const ubs::ParameterLayout& row = form.row;
   SplatValues raw{};
@@ -86,10 +86,10 @@ SplatValues random_splat(const Form& form, Generator& g, CameraView& cam, double
 
 enum class Weights { below, one, nearly, mixed };
 
-// Query scales from 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the least one;
-// weights of 1, or up to UBS_COUPLED_WEIGHT less, where the covariance is to come from its factor (mixed: of
-// every other row, those between are hardly coupled and have lower weights); a spatial beta at its clamp. The
-// query is near its mean.
+// Query scales are 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the minimum. Weights
+// are 1, or smaller by up to UBS_COUPLED_WEIGHT, so that the covariance is computed from its factor (mixed:
+// only for every second row; the others are hardly coupled and have lower weights). A spatial beta is at its
+// clamp. The query is near its mean.
 SplatValues thin_splat(const Form& form, Generator& g, CameraView& cam, Weights weights) {
   const ubs::ParameterLayout& row = form.row;
   SplatValues raw = random_splat(form, g, cam, 0.2);
@@ -140,14 +140,14 @@ struct Errors {
   double worst = 0, norm = 0;
 };
 
-// What the gradient is taken of: the parameters of the splat, or the camera.
+// The inputs of the gradient: the parameters of the splat, or the camera.
 int inputs(const Form& form) {
   if (!form.camera_grad) return form.row.count;
   return kCameraGradQuery + form.row.query - (form.has_direction() ? 3 : 0);
 }
 
 void move_camera(CameraView& cam, int k, double h) {
-  if (k < kCameraGradShift) {  // a turn about one axis mixes the rows of the other two
+  if (k < kCameraGradShift) {  // a rotation about one axis mixes the rows of the other two
     const int a = (k + 1) % 3, b = (k + 2) % 3;
     for (int c = 0; c < 3; ++c) {
       const double x = cam.rotation[a][c], y = cam.rotation[b][c];
@@ -164,24 +164,24 @@ void move_camera(CameraView& cam, int k, double h) {
   }
 }
 
-// The gradient of a random weighting of all outputs against central differences, over every input.
-// Empty for a splat that is culled (an indefinite conditional covariance).
+// Compares the gradient of a random weighted sum of all outputs with central differences for every input.
+// Returns nothing for a culled splat (with an indefinite conditional covariance).
 std::optional<Errors> gradient_errors(const Form& form, Generator& g, const CameraView& cam,
                                       const SplatValues& raw, double h = 1e-5) {
   const SplatImage image = form.image(cam, raw);
   if (!image.valid) return std::nullopt;
   Outputs weights;
   std::generate_n(weights.begin(), 10, [&] { return uniform(g, -1, 1); });
-  weights[10] = form.depth_grad ? 0.5 : 0;  // not drawn: with and without depth the same splats are tested
+  weights[10] = form.depth_grad ? 0.5 : 0;  // not rendered: the same splats are tested with and without depth
   const SplatImageVjp v{weights[0], weights[1], ellipse_gradient(image.conic, weights),
                         weights[5], weights[6], weights[7],
                         weights[8], weights[9], weights[10]};
-  // Q01 stands twice in the conic, and weights[3] is the gradient of each entry.
+  // Q01 occurs twice in the conic, and weights[3] is the gradient of each entry.
   Outputs doubled = weights;
   doubled[3] *= 2;
   const SplatValues gradient = form.gradient(cam, raw, v);
-  // The view direction counts as a constant, which a difference cannot express; this part is checked by the
-  // forms with its gradient and, as defined, by the oracle.
+  // The view direction is treated as a constant, which a difference cannot express. This part is tested with
+  // the forms that include its gradient and, as defined, by the oracle.
   const bool constant_direction = !form.camera_grad && !form.query_grad &&
                                   (form.has_direction() || form.kinds.colour > ubs::ColourMode::sh0);
   Errors e;
@@ -215,7 +215,7 @@ TEST_CASE("splat VJP agrees with central differences", "[math]") {
     int checked = 0;
     for (int i = 0; i < 200; ++i) {
       CameraView cam = random_camera(g);
-      // In and out of the frustum limits.
+      // Inside and outside of the limits of the frustum.
       const SplatValues raw = random_splat(form, g, cam, i % 2 ? 0.2 : 2.0);
       const std::optional<Errors> e = gradient_errors(form, g, cam, raw);
       if (!e) continue;
@@ -223,7 +223,7 @@ TEST_CASE("splat VJP agrees with central differences", "[math]") {
       REQUIRE(e->norm > 0);
       worst = std::max(worst, e->worst / e->norm);
     }
-    // Gaussian splats end where alpha falls to its least value, so many are not drawn: 76 of 200 observed.
+    // Gaussian splats end at the minimum alpha, so many are not rendered: 76 of 200 observed.
     REQUIRE(checked > (form.gaussian() ? 60 : 150));
     WARN("worst relative error " << worst << " over " << checked << " splats");
     // Worst observed 1.2e-8 (cholesky, N = 6), 4.6e-9 of the default: rounding of the differences.
@@ -277,7 +277,7 @@ TEST_CASE("the factor of a strongly coupled splat is that of its covariance", "[
         continue;
       }
       ++checked;
-      double size = 0;  // of K', to which its rounding is in proportion
+      double size = 0;  // of K', to which its rounding is proportional
       for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 3; ++b) size += std::abs(factor.shrink[a][b]);
       double& worst = weights == Weights::one ? worst_of_one : size < 30 ? worst_below : worst_large;
@@ -297,13 +297,14 @@ TEST_CASE("the factor of a strongly coupled splat is that of its covariance", "[
                                << ", with a large K' " << worst_large << ", " << others << " without");
     REQUIRE(others > (form.kinds.beta_cond == ubs::BetaCond::on ? 15 : -1));
     CHECK(worst_of_one < 2.7e-15);  // worst observed 1.35e-15
-    // Worst observed 1.58e-15; in mode whiten 3.03e-15, whose splats are others as its clamp is another.
+    // Worst observed 1.58e-15, and 3.03e-15 in mode whiten, whose splats differ because its clamp differs.
     CHECK(worst_below < (form.kinds.cov_mode == ubs::CovMode::whiten ? 6.0e-15 : 2.8e-15));
     CHECK(worst_large < 1.08e-14);  // worst observed 5.44e-15 (cholesky, N = 6)
   });
 }
 
-// One spatial scale below its least part of the largest; of skew_nd query scales below theirs, too.
+// One spatial scale is below the minimum fraction of the largest one. With skew_nd, query scales are also
+// below their minimum.
 TEST_CASE("the VJP of raised scales agrees with central differences", "[math]") {
   for_each_form([](const Form& form) {
     const bool skew = form.skew();

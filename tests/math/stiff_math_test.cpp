@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Formulas that replace a textbook form for stiff splats, where they can be compared with a closed form.
+// Tests the formulas that replace textbook forms for stiff splats, in cases with a closed form.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -49,8 +49,9 @@ TEST_CASE("the ellipse of a general K is that of the mirrored upper triangle of 
   CHECK(worst < 5.4e-15);  // worst observed 2.7e-15: rounding
 }
 
-// Turned by 0.6 rad about the line of sight, axes s0 and s1: det = s0^2 s1^2 + eps (s0^2 + s1^2) + eps^2.
-TEST_CASE("the determinant of a needle does not cancel", "[math]") {
+// An ellipse with the axes s0 and s1, rotated by 0.6 rad about the line of sight: det = s0^2 s1^2 + eps (s0^2
+// + s1^2) + eps^2.
+TEST_CASE("the determinant of a needle has no cancellation", "[math]") {
   const ImageMap t{{{1, 0, 0}, {0, 1, 0}}};
   const double s = std::sin(0.6), c = std::cos(0.6);
   for (const double ratio : {1.0, 1e3, 1e6, 1e9, 1e12}) {
@@ -66,7 +67,7 @@ TEST_CASE("the determinant of a needle does not cancel", "[math]") {
   }
 }
 
-TEST_CASE("the gradient to a stretch of a needle is that of its length", "[math]") {
+TEST_CASE("the gradient with respect to the stretch of a needle is that of its length", "[math]") {
   const ImageMap t{{{1, 0, 0}, {0, 1, 0}}};
   const double s = std::sin(0.6), c = std::cos(0.6);
   for (const double ratio : {1.0, 1e4, 1e8}) {
@@ -82,7 +83,7 @@ TEST_CASE("the gradient to a stretch of a needle is that of its length", "[math]
 
 // K = diag(1, -k, 1) on a splat of 20 by 20 px: det(T V T^T) = -160000 k, and the blur adds 0.3 (400 - 400 k
 // + 0.3).
-TEST_CASE("an ellipse that is indefinite but for the blur is not drawn", "[math]") {
+TEST_CASE("an ellipse that is only definite because of the blur is not rendered", "[math]") {
   CameraView cam{};
   for (int i = 0; i < 3; ++i) cam.rotation[i][i] = 1;
   cam.fx = cam.fy = 100, cam.cx = cam.cy = 32, cam.width = cam.height = 64;
@@ -107,7 +108,7 @@ TEST_CASE("ln(1 - tanh u) keeps its relative accuracy for small u", "[math]") {
   CHECK(worst < 3.2e-10);  // worst observed 1.6e-10: the series at 1/4
 }
 
-TEST_CASE("query rows that depend on each other but for s_q become orthogonal", "[math]") {
+TEST_CASE("query rows that are dependent except for s_q become orthogonal", "[math]") {
   std::mt19937_64 g(9);
   double worst = 0;
   for (int round = 0; round < 50; ++round) {

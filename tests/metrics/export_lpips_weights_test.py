@@ -12,7 +12,7 @@ import tempfile
 import types
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-# Of each slice the numbers of modules with weights, in torchvision's `features`, and its last channels.
+# For each slice, the numbers of the modules with weights in torchvision's `features`, and the last number of channels.
 SLICES = {
     "alex": [((0,), 64), ((3,), 192), ((6,), 384), ((8,), 256), ((10,), 256)],
     "vgg": [((0, 2), 64), ((5, 7), 128), ((10, 12, 14), 256), ((17, 19, 21), 512), ((24, 26, 28), 512)],
@@ -21,7 +21,7 @@ SLICES = {
 
 
 class Value:
-    """What the script asks of a tensor; numbers ascend, so that bytes show their order."""
+    """The functions of a tensor that the script uses. The values ascend, so that the bytes show their order."""
 
     def __init__(self, shape, first):
         self.shape, self.first, self.type = shape, first, None
@@ -43,7 +43,7 @@ class Value:
 
 
 def state_of(network):
-    """Keys as in lpips.LPIPS(net=network).state_dict(), with few numbers behind them."""
+    """Returns the keys of lpips.LPIPS(net=network).state_dict() with few numbers each."""
     state, expected = {"scaling_layer.shift": Value((1, 3, 1, 1), 0), "scaling_layer.scale": Value((1, 3, 1, 1), 0)}, {}
 
     def add(key, name, shape):

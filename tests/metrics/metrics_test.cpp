@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Image metrics on every device: LPIPS of small random networks against double loops, the published proof
-// values, SSIM over whole windows against brute force, predicted memory, the stage times of a training.
+// Tests image metrics on every device: LPIPS of small random networks is compared with double-precision
+// loops, LPIPS of the published networks with the published reference values, and SSIM over whole windows
+// with brute force. Also tests predicted memory and the stage times of a training.
 #include <catch2/catch.hpp>
 #include <random>
 
@@ -26,7 +27,7 @@ using check::Uploaded;
 using oracle::Features;
 using oracle::features;
 
-// Convolutions in the smallest pieces.
+// Convolutions are computed in the smallest parts.
 class SmallMatrices final : public MetricOps {
  public:
   explicit SmallMatrices(MetricOps& ops) : ops_(ops) {}
@@ -94,7 +95,7 @@ TEST_CASE("matrix product: long sums, offsets and pitches", "[metrics]") {
   }
 }
 
-TEST_CASE("lpips: small random networks agree with double loops", "[metrics]") {
+TEST_CASE("lpips: small random networks agree with double-precision loops", "[metrics]") {
   for (const auto& device : devices_under_test()) {
     INFO(device->info().name);
     const auto ops = make_metric_ops(*device);
@@ -104,7 +105,7 @@ TEST_CASE("lpips: small random networks agree with double loops", "[metrics]") {
       Lpips lpips(*device, *ops, network, weights);
       SmallMatrices small(*ops);
       Lpips in_pieces(*device, small, network, weights);
-      // An odd size, and a smaller one after it in the same buffers.
+      // An odd size, followed by a smaller one in the same buffers.
       for (const PlanarSize size : {PlanarSize{71, 66}, PlanarSize{36, 47}}) {
         const auto pair = image_pair(size);
         const Uploaded up = upload(*device, pair, size);
@@ -147,7 +148,7 @@ TEST_CASE("lpips: memory is predicted", "[metrics]") {
   }
 }
 
-TEST_CASE("lpips: images and weights that do not fit are refused", "[metrics]") {
+TEST_CASE("lpips: unsuitable images and weights are rejected", "[metrics]") {
   const auto device = devices_under_test()[0];
   const auto ops = make_metric_ops(*device);
   CHECK(smallest_side(lpips_network("alex")) == 31);
@@ -168,8 +169,8 @@ TEST_CASE("lpips: images and weights that do not fit are refused", "[metrics]") 
                     Catch::Contains("tensor 'features.5.weight' is missing"));
 }
 
-// Of torch 1.13 on a CPU; the data's README has them.
-TEST_CASE("lpips: proof values of the published networks", "[metrics]") {
+// The values are from torch 1.13 on a CPU, and are listed in the README of the data.
+TEST_CASE("lpips: reference values of the published networks", "[metrics]") {
   UBS_REQUIRE_DATA(folder, "lpips_weights");
   if (!UBS_WITH_OPENCV) {
     WARN("skipped: this build reads no images");
@@ -184,7 +185,7 @@ TEST_CASE("lpips: proof values of the published networks", "[metrics]") {
                           {"squeeze", "ex_p0", 0.7110476},
                           {"squeeze", "ex_p1", 0.1479016}};
   for (const auto& device : devices_under_test()) {
-    if (device->info().name == "CUDA on the host") continue;  // half a minute of one thread
+    if (device->info().name == "CUDA on the host") continue;  // takes half a minute with one thread
     INFO(device->info().name);
     ImageMetrics metrics(*device, {{"alex", "squeeze"}, folder, {LpipsRange::signed_one}});
     for (const Proof& proof : proofs) {
@@ -201,7 +202,7 @@ TEST_CASE("lpips: proof values of the published networks", "[metrics]") {
       for (const NamedValue& value : metrics.lpips(up.a, up.b)) {
         if (value.name != lpips_name(proof.network, LpipsRange::signed_one)) continue;
         CAPTURE(proof.network, proof.image);
-        // Required 1e-4; observed 2.1e-7 (PoCL), which is two units of the last digit given.
+        // Required: 1e-4. Observed: 2.1e-7 (PoCL), which is two units of the last given digit.
         CHECK(value.value == Approx(proof.distance).margin(4e-7).epsilon(0));
       }
     }
@@ -231,7 +232,7 @@ TEST_CASE("ssim: whole windows agree with brute force", "[metrics]") {
 
 namespace {
 
-// Takes a known simulated time for one operation and none for the others.
+// Takes a known simulated time for one operation, and no time for the others.
 class SlowAdam final : public Stages {
  public:
   explicit SlowAdam(test::SimulatedTime& time) : time_(time) {}
@@ -250,7 +251,7 @@ class SlowAdam final : public Stages {
 
 }  // namespace
 
-TEST_CASE("frame rate: a device without timers has none of its own", "[metrics]") {
+TEST_CASE("frame rate: a device without timers reports no device time", "[metrics]") {
   const FrameRate timed = frame_rate_of({10, 20, 30}, {5, 4, 3});
   CHECK(timed.wall_fps == 50);
   CHECK(timed.device_fps == 250.0);
@@ -259,7 +260,7 @@ TEST_CASE("frame rate: a device without timers has none of its own", "[metrics]"
   CHECK_FALSE(untimed.device_fps.has_value());
 }
 
-TEST_CASE("stage times: sampled calls stand for all, evaluations for none", "[metrics]") {
+TEST_CASE("stage times: sampled calls represent all calls, and evaluations are not counted", "[metrics]") {
   const auto device = devices_under_test()[0];
   test::SimulatedTime time;
   TimedStages stages(*device, std::make_unique<SlowAdam>(time), time);
@@ -276,7 +277,7 @@ TEST_CASE("stage times: sampled calls stand for all, evaluations for none", "[me
   REQUIRE(times.size() == 2);
   CHECK(times[0].stage == "adam");
   CHECK(times[0].calls == 400);
-  CHECK(times[0].sampled == 7 + 4);  // 29, 82, ..., 347, and where it refines
+  CHECK(times[0].sampled == 7 + 4);  // 29, 82, ..., 347, and iterations with a refinement
   CHECK(times[0].seconds == 400 * 0.125);
   CHECK(times[1].stage == "relocate");
   CHECK(times[1].sampled == 4);

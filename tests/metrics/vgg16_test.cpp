@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// LPIPS with a VGG16 of full size and random weights, read from a safetensors file, against the network
-// written out here: it shares no description of layers with the program, so that a wrong order of layers,
-// pooling or tap shows. (metrics_test.cpp compares all networks, at a few channels, layer by layer of the
-// program's own description.)
+// Compares LPIPS with a VGG16 of full size and random weights, read from a safetensors file, with an
+// independent implementation of the network. It does not use the program's description of layers, so a wrong
+// order of layers, pooling or taps is detected. (metrics_test.cpp compares all networks with few channels,
+// layer by layer, based on the program's description.)
 #include <catch2/catch.hpp>
 
 #include "host/check/metric_inputs.hpp"
@@ -17,11 +17,11 @@ namespace {
 
 using namespace ubs;
 
-// Simonyan and Zisserman's configuration D as torchvision numbers it (`features`, ReLUs and poolings
-// counted), with LPIPS's taps: the last ReLU before each pooling, and the last of all.
+// Configuration D of Simonyan and Zisserman with the numbers of torchvision (`features`, including ReLUs and
+// poolings), and with the taps of LPIPS: the last ReLU before each pooling, and the last one of all.
 struct Vgg16Layer {
   int number, in, out;
-  bool tap;  // pooling by two follows a tap, but for the last
+  bool tap;  // pooling by two follows each tap except the last
 };
 constexpr Vgg16Layer kVgg16[] = {{0, 3, 64, false},    {2, 64, 64, true},     {5, 64, 128, false},
                                  {7, 128, 128, true},  {10, 128, 256, false}, {12, 256, 256, false},
@@ -29,7 +29,7 @@ constexpr Vgg16Layer kVgg16[] = {{0, 3, 64, false},    {2, 64, 64, true},     {5
                                  {21, 512, 512, true}, {24, 512, 512, false}, {26, 512, 512, false},
                                  {28, 512, 512, true}};
 
-// Without activations that vanish or explode on the way: uniform with the variance of He et al.
+// Uniform weights with the variance of He et al., so that activations neither vanish nor explode.
 TensorFile random_vgg16() {
   std::mt19937 generator(11);
   TensorFile file{"random", {}};
@@ -89,7 +89,7 @@ Planes halve(const Planes& in) {
   return out;
 }
 
-// Mean over pixels of the weighted squared difference of the features' directions.
+// Returns the mean over pixels of the weighted squared difference of the normalised features.
 double tap_distance(const Planes& a, const Planes& b, const Tensor& head) {
   const std::size_t plane = static_cast<std::size_t>(a.height) * static_cast<std::size_t>(a.width);
   double sum = 0;
@@ -137,8 +137,9 @@ double vgg16_lpips(const TensorFile& file, Planes a, Planes b) {
 
 }  // namespace
 
-TEST_CASE("lpips: VGG16 of full size agrees with the network written out in double", "[metrics]") {
-  const PlanarSize size{35, 33};  // odd: all but one of the poolings leave a rest out
+TEST_CASE("lpips: VGG16 of full size agrees with an independent implementation in double precision",
+          "[metrics]") {
+  const PlanarSize size{35, 33};  // odd, so that all poolings except one ignore a remainder
   const auto pair = check::image_pair(size);
   const TensorFile weights = random_vgg16();
   const test::TempFolder folder;
@@ -150,7 +151,7 @@ TEST_CASE("lpips: VGG16 of full size agrees with the network written out in doub
         vgg16_lpips(weights, network_input(pair[0], size, centred), network_input(pair[1], size, centred));
   }
   for (const auto& device : devices_under_test()) {
-    if (device->info().name == "CUDA on the host") continue;  // minutes of one thread
+    if (device->info().name == "CUDA on the host") continue;  // takes minutes with one thread
     INFO(device->info().name);
     ImageMetrics metrics(*device, {{"vgg"}, folder.path(), {LpipsRange::signed_one, LpipsRange::unit}});
     const check::Uploaded up = check::upload(*device, pair, size);
@@ -159,7 +160,7 @@ TEST_CASE("lpips: VGG16 of full size agrees with the network written out in doub
     for (const NamedValue& value : values) {
       CAPTURE(value.name, value.value, value.value - expected.at(value.name));
       REQUIRE(expected.at(value.name) > 0.02);
-      // Observed 2.7e-7 of the value (PoCL).
+      // Observed relative error: 2.7e-7 (PoCL).
       CHECK(value.value == Approx(expected.at(value.name)).epsilon(5.4e-7));
     }
     CHECK(std::abs(values[0].value - values[1].value) > 1e-3);  // the conventions differ

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums of absolute gradients of positions (KernelConfig::absgrad) against the gradients of single pixels.
+// Compares the sums of absolute gradients of positions (KernelConfig::absgrad) with the gradients of single
+// pixels.
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
@@ -40,7 +41,8 @@ class Gradients {
   Renderer renderer_;
 };
 
-TEST_CASE("absolute gradients of positions are the sums of those of single pixels", "[renderer]") {
+TEST_CASE("absolute gradients of positions are sums of the absolute gradients of single pixels",
+          "[renderer]") {
   constexpr int kWidth = 24, kHeight = 20;
   constexpr std::size_t kPixels = std::size_t{kWidth} * kHeight;
   const bench::BenchScene scene = bench::random_start(3, 60, kWidth, kHeight);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, what is found is
-// applied, stored and found again.
+// Tests `ubs-lab tune` on CUDA devices: every candidate gives the results of the defaults, and the chosen
+// values are applied, stored and loaded again.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
@@ -18,14 +18,14 @@ namespace {
 using test::cuda_devices;
 using test::Tuned;
 
-TEST_CASE("every candidate of CUDA leaves the results of a training step as they are", "[work]") {
+TEST_CASE("no candidate of CUDA changes the results of a training step", "[work]") {
   const bench::BenchScene scene = bench::synthetic_object(6, 400, 40, 30, 1);
   const auto outputs = [&](Device& device) {
     return bench::StepBench(device, scene, RasterKind::gpu).outputs();
   };
   for (const auto& device : cuda_devices()) {
     const bench::Parts expected = outputs(*device);
-    for (const std::vector<float>& part : expected)  // nothing that would agree with anything
+    for (const std::vector<float>& part : expected)  // not a trivial result
       REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
     for (const TunedConstant& constant : dynamic_cast<TunableDevice&>(*device).tuned_constants()) {
       CHECK(constant.raster == RasterKind::gpu);
@@ -39,7 +39,7 @@ TEST_CASE("every candidate of CUDA leaves the results of a training step as they
   }
 }
 
-TEST_CASE("tune tries every structure of CUDA and leaves the device with what it found", "[work]") {
+TEST_CASE("tune tries every structure of CUDA and leaves the device with the chosen values", "[work]") {
   const bench::BenchScene scene = bench::synthetic_object(6, 100, 16, 16, 1);
   for (const auto& device : cuda_devices()) {
     const Tuned reset(*device, {});
@@ -59,7 +59,7 @@ TEST_CASE("tune tries every structure of CUDA and leaves the device with what it
   }
 }
 
-TEST_CASE("a CUDA device opens with its tuning file", "[work]") {
+TEST_CASE("a CUDA device is opened with its tuning file", "[work]") {
   const test::TempFolder folder;
   const test::Variable place("UBS_TUNING_DIR", folder.path().c_str()), on("UBS_TUNING", nullptr);
   const std::vector<DeviceInfo> devices = list_devices();
@@ -67,7 +67,7 @@ TEST_CASE("a CUDA device opens with its tuning file", "[work]") {
     if (devices[i].backend != "cuda") continue;
     const auto first = open_device(i);
     const TunedTable table = dynamic_cast<TunableDevice&>(*first).tuned_constants();
-    // A constant of an earlier version, and a value that is no candidate, are not taken.
+    // A constant of an earlier version, and a value that is not a candidate, are ignored.
     save_tuning(devices[i], table, RasterKind::gpu, {{"UBS_FORWARD_TURNS", 3}, {"UBS_MAP_BLOCK", 32}});
     CHECK(open_device(i)->info().tuning.empty());
     save_tuning(devices[i], table, RasterKind::gpu, {{"UBS_FORWARD_TURNS", 3}, {"UBS_MAP_BLOCK", 64}});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Arrays of a renderer in the memory of its device (ubs_renderer_get_array) hold and take what the functions
-// that copy do, bit for bit. The CUDA back end on the host has such arrays where this test can read them.
+// Tests the arrays of a renderer in device memory (ubs_renderer_get_array): their values are bit-identical to
+// those of the copying functions. The CUDA back end on the host has arrays that this test can read.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <vector>
@@ -29,13 +29,14 @@ Model splats(std::uint64_t seed) {
   for (const Parameter& p : model.parameters())
     for (float& v : p.values) v = static_cast<float>(random.uniform(at++, 0, -0.5, 0.5));
   for (float& z : model.parameter("xyz").row(2)) z += 3;
-  for (float& z : model.parameter("mean").row(2)) z += 1;  // seen from the front
+  for (float& z : model.parameter("mean").row(2))
+    z += 1;  // the mean direction is +z, so that they are visible from the front
   for (float& v : model.parameter("opacity").values) v += 2;
   for (float& v : model.parameter("scale").values) v -= 0.5f;
   return model;
 }
 
-// Its values in the order of its shape.
+// Returns the values in the order of the shape.
 std::vector<float> values_of(const ubs_array& array) {
   std::vector<float> values;
   const std::int64_t planes = array.dims == 3 ? array.shape[2] : 1;
@@ -63,10 +64,12 @@ void check_usage(const std::string& part, const Action& action) {
   }
 }
 
-TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere") {
-  for (const ubs_device_info& device : Device::list()) {  // the internals' names would meet those of ubs.hpp
+TEST_CASE("arrays of a renderer in device memory equal the copied values") {
+  for (const ubs_device_info& device :
+       Device::list()) {  // the names of internal headers would collide with those of ubs.hpp
     INFO(device.name);
-    const Device opened(std::string(device.backend) + ":" + device.name);  // a card may have both back ends
+    const Device opened(std::string(device.backend) + ":" +
+                        device.name);  // a card may be listed by both back ends
     const Model model = splats(1), other = splats(2), gradient(model);
     Renderer renderer(opened, model, UBS_RENDER_GRADIENTS), flat(opened, model, UBS_RENDER_DEPTH);
     const bool pocl_cpu =
@@ -78,7 +81,7 @@ TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere")
     check_usage("nothing has been rendered yet", [&] { renderer.array(UBS_ARRAY_RGB); });
     const ubs_array parameters = renderer.array(UBS_ARRAY_PARAMETERS);
     CHECK(parameters.shape[1] == 70);
-    if (parameters.type != 1) continue;  // a card: not for us to read
+    if (parameters.type != 1) continue;  // memory of a card, which cannot be read here
     CHECK(values_of(parameters) == values_of(model));
 
     const Picture picture = flat.draw(camera_of());
@@ -92,7 +95,7 @@ TEST_CASE("arrays of a renderer in device memory hold what is copied elsewhere")
     CHECK(alpha == picture.alpha);
     CHECK(*std::ranges::max_element(alpha) > 0.3f);
 
-    // Another model's values, written in place, and the gradient of its picture.
+    // Writes the values of another model in place, and compares the gradient of its image.
     std::vector<float> v(3 * kWidth * kHeight);
     const CounterRandom random(3, 1);
     for (std::uint32_t i = 0; i < v.size(); ++i) v[i] = static_cast<float>(random.uniform(i, 0, -1, 1));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drawing alone: GPUs are given all of a view before the host asks how long its lists are; results are those
-// of a renderer that waits, also where the lists had no room.
+// Tests rendering without gradients: all work of a view is submitted to a GPU before the host reads the size
+// of its lists. Results equal those of a renderer that waits, even if the lists did not fit.
 #include <array>
 #include <catch2/catch.hpp>
 #include <set>
@@ -40,7 +40,7 @@ class Drawing {
   Renderer renderer_;
 };
 
-TEST_CASE("GPUs are given a view to draw before it is counted", "[renderer]") {
+TEST_CASE("the work of a view is submitted to GPUs before its lists are counted", "[renderer]") {
   const bench::BenchScene few = bench::random_start(3, 300, 64, 64),
                           many = bench::random_start(3, 3000, 64, 64);
   const Camera camera = few.views.views[0].camera;
@@ -55,18 +55,18 @@ TEST_CASE("GPUs are given a view to draw before it is counted", "[renderer]") {
       const Drawn expected = fresh.draw(large);
       REQUIRE(expected.totals.intersections > 0);
       const Drawn first = drawing.draw(small);
-      CHECK(drawing.waited());  // there is no room to begin with
+      CHECK(drawing.waited());  // no capacity at the beginning
       CHECK(drawing.draw(small) == first);
       CHECK(drawing.waited() == !gpu);
       CHECK(drawing.draw(large) == expected);
-      CHECK(drawing.waited());  // there was not enough
+      CHECK(drawing.waited());  // the capacity was not sufficient
       CHECK(drawing.draw(small) == first);
       CHECK(drawing.draw(large) == expected);
       CHECK(drawing.waited() == !gpu);
     }
 }
 
-TEST_CASE("a view that is only drawn has no slots, masks and states on cards, and the same image",
+TEST_CASE("a view that is only rendered has no slots, masks and states on cards, and the same image",
           "[renderer]") {
   const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -96,7 +96,7 @@ TEST_CASE("a view that is only drawn has no slots, masks and states on cards, an
   }
 }
 
-TEST_CASE("lists that are not counted have little more room than recent views needed", "[renderer]") {
+TEST_CASE("the capacity of uncounted lists is little more than recent views needed", "[renderer]") {
   const bench::BenchScene few = bench::random_start(3, 300, 64, 64),
                           many = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -124,8 +124,8 @@ TEST_CASE("lists that are not counted have little more room than recent views ne
   }
 }
 
-// Also where rows and the caller's memory begin anywhere.
-TEST_CASE("pictures are the planes of the device, pixel by pixel", "[renderer]") {
+// Also with any alignment of rows and of the caller's memory.
+TEST_CASE("images equal the planes of the device, pixel by pixel", "[renderer]") {
   for (const auto& device : devices_under_test())
     for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {61, 45}, {160, 3}}) {
       bench::BenchScene scene = bench::random_start(3, 300, width, height);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Imported Gaussians on a device: a scene trained and rendered by another tool must look as it does there.
+// Tests imported Gaussians on a device: a scene that was trained by another tool must look the same as when
+// that tool renders it.
 #include "host/data/blender.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/pipeline/device_model.hpp"

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parameter groups that are not learnt: no gradient, no moments, no step, and the others as before.
+// Tests frozen parameter groups: they have no gradient, moments or steps, and the other groups are not
+// affected.
 #include <catch2/catch.hpp>
 #include <cstring>
 #include <map>
@@ -16,7 +17,7 @@ namespace {
 
 using Rows = std::map<int, std::vector<float>>;  // by parameter row
 
-// Gradient of one view of a smooth loss, of the rows that are learnt, after two views of a batch.
+// Returns the gradient of a smooth loss with respect to the trained rows, after two views of a batch.
 Rows gradient_rows(Device& device, const oracle::Scene& scene, KernelConfig config, std::uint32_t frozen) {
   config.frozen = frozen;
   const auto stages = make_stages(device, config);
@@ -52,7 +53,7 @@ Rows gradient_rows(Device& device, const oracle::Scene& scene, KernelConfig conf
   return rows;
 }
 
-TEST_CASE("freezing groups leaves the bits of the other gradients", "[freeze]") {
+TEST_CASE("freezing groups does not change the bits of the other gradients", "[freeze]") {
   const ModelVariant splats3d{
       .rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh1};
   struct Case {
@@ -71,14 +72,14 @@ TEST_CASE("freezing groups leaves the bits of the other gradients", "[freeze]") 
       {3, splats3d, RasterKind::cpu, {"sh_rest", "xyz,scale,rotation"}}};
   for (const auto& device : devices_under_test())
     for (const Case& c : cases) {
-      if (on_host(*device) && c.raster == RasterKind::gpu) continue;  // one of them is enough to compile
+      if (on_host(*device) && c.raster == RasterKind::gpu) continue;  // compiling one of them is enough
       const oracle::Scene scene = oracle::regular_scene(
           {.count = 150, .dim = c.dim, .seed = 9, .width = 61, .height = 45, .variant = c.variant});
       KernelConfig config{.dim = c.dim, .raster = c.raster, .query_grad = c.dim == 3, .variant = c.variant};
       const Rows all = gradient_rows(*device, scene, config, 0);
       for (const std::string& freeze : c.freeze) {
-        // A program each: the first where CUDA's are compiled by the host, else two, and all with
-        // UBS_TEST_ALL=1.
+        // Each case compiles a program. Tests only the first case if programs of CUDA are compiled by the
+        // host, otherwise two, and all with UBS_TEST_ALL=1.
         const auto number = &freeze - c.freeze.data();
         if (number >= (on_host(*device) ? 1 : test::whole_sweep() ? 9 : 2)) continue;
         const std::uint32_t frozen = frozen_groups(scene.model.layout(), freeze);
@@ -95,7 +96,7 @@ TEST_CASE("freezing groups leaves the bits of the other gradients", "[freeze]") 
     }
 }
 
-TEST_CASE("training leaves frozen groups as they are", "[freeze][training][opencv]") {
+TEST_CASE("training does not change frozen groups", "[freeze][training][opencv]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(3, 40, 200);
@@ -127,7 +128,7 @@ TEST_CASE("training leaves frozen groups as they are", "[freeze][training][openc
   }
 }
 
-// Groups that refinement copies as they are may be frozen with it.
+// Groups that refinement copies without change may be frozen.
 TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][training][opencv]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
@@ -147,7 +148,7 @@ TEST_CASE("frozen colours are copied by relocation and growth", "[freeze][traini
   }
 }
 
-TEST_CASE("what cannot be frozen is refused", "[freeze]") {
+TEST_CASE("groups that cannot be frozen are rejected", "[freeze]") {
   TrainSettings settings;
   const auto message = [&](const std::string& freeze) {
     settings.freeze = freeze;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A 3DGS file on a device against an independent float64 renderer of 3DGS; the file is written here, byte by
-// byte, so that reading it is tested too. And: every way out of a model of Gaussians draws the same.
+// Compares a 3DGS file on a device with an independent float64 renderer of 3DGS. The file is written here
+// byte by byte, so that reading is also tested. Also tests that a model of Gaussians looks the same after
+// export to every format.
 #include <cstring>
 
 #include "host/base/philox.hpp"
@@ -20,7 +21,8 @@ namespace {
 
 constexpr std::array<float, 3> kBackground{0.1f, 0.6f, 0.3f};
 
-// Flat, long and round splats of any rotation around the origin, some solid, with strong harmonics.
+// Returns flat, long and round splats with random rotations around the origin. Some of them are opaque, and
+// their harmonics are strong.
 std::vector<oracle::FileGaussian> scene() {
   std::vector<oracle::FileGaussian> all(160);
   const CounterRandom random(5, 9);
@@ -124,8 +126,9 @@ TEST_CASE("foreign splats: a 3DGS file renders as float64 3DGS renders it", "[fo
     }
 }
 
-// Of a disc float64 has a scale of zero; ours is raised to its least share of the largest (kernels/limits.h).
-TEST_CASE("foreign splats: flat ones are drawn as discs", "[foreign][exact]") {
+// The float64 renderer uses a scale of zero for discs, while ubs raises it to the minimum fraction of the
+// largest scale (kernels/limits.h).
+TEST_CASE("foreign splats: flat ones are rendered as discs", "[foreign][exact]") {
   const TempFolder folder;
   auto gaussians = scene();
   for (std::size_t i = 0; i < gaussians.size(); ++i)
@@ -151,7 +154,8 @@ TEST_CASE("foreign splats: flat ones are drawn as discs", "[foreign][exact]") {
   }
 }
 
-TEST_CASE("foreign splats: Gaussians drawn before and after each format", "[foreign][exact]") {
+TEST_CASE("foreign splats: Gaussians look the same before and after conversion to each format",
+          "[foreign][exact]") {
   const TempFolder folder;
   put_ply(folder / "g.ply", scene());
   const SplatModel model = load_splat_model(folder / "g.ply").model.groups.front();
@@ -165,7 +169,7 @@ TEST_CASE("foreign splats: Gaussians drawn before and after each format", "[fore
                                 draw(*device, load_splat_model(folder / file).model.groups.front(), 1));
     };
     CHECK(after("a.ply") < 6.6e-7);  // PoCL: 3.3e-7, the rounding of raw scales
-    CHECK(after("a.spz") < 0.037);   // PoCL: 0.0185, eight bits a value
+    CHECK(after("a.spz") < 0.037);   // PoCL: 0.0185, eight bits per value
     CHECK(after("a.spz") > 1e-4);
   }
 }

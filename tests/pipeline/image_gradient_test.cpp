@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradient of any number of a drawn view, of its colours, alpha and depth, against float64.
+// Compares the gradient of weighted sums of colours, alpha and depth of a rendered view with float64.
 #include "host/pipeline/image_gradient.hpp"
 
 #include <fmt/format.h>
@@ -47,14 +47,14 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
 TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agree with float64",
           "[oracle]") {
   const int width = 61, height = 45;
-  // Beside the default forms one whose colours follow the direction.
+  // In addition to the default forms, one whose colours depend on the direction.
   const auto [dim, variant] = GENERATE(table<int, ModelVariant>(
       {{3, {}},
        {6, {}},
        {7, {}},
        {3,
         {.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3}}}));
-  // N = 7 has all that 6 has; where programs are compiled by the host it stands for 3 too.
+  // N = 7 includes everything of N = 6. If programs are compiled by the host, it also represents N = 3.
   if (variant == ModelVariant{} && (dim == 6 || (dim == 3 && on_host(*devices_under_test()[0]))) &&
       !test::whole_sweep())
     return;
@@ -91,8 +91,9 @@ TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agr
           REQUIRE(norm > 0);
           const double error = test::relative_error(found, reference);
           fmt::print("raster {}, N = {}  {:8} {:12} {:.2e}\n", test::text(raster), dim, name, what, error);
-          // Worst observed, on PoCL: 9.7e-5, xyz from alpha, N = 6, and 2.3e-4, scale from alpha, N = 7; of
-          // the camera, where splats cancel, 4.4e-4, shift from alpha, N = 7.
+          // Largest errors observed on PoCL: 9.7e-5 for xyz from alpha with N = 6, and 2.3e-4 for scale from
+          // alpha with N = 7. For the camera, where contributions of splats cancel, 4.4e-4 for the
+          // translation from alpha with N = 7.
           const bool camera = what == "turn" || what == "shift" || what == "intrinsics" || what == "query";
           CHECK(error <= (camera ? 8.7e-4 : dim == 7 ? 4.5e-4 : 1.9e-4));
         };
@@ -112,9 +113,9 @@ TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agr
     }
 }
 
-// The host's part: more splats than lanes, groups (the first and the last of which nobody sees), and the two
-// ways to write a pose.
-TEST_CASE("the gradient of a camera is the sum over groups and lanes, in the pose and in the matrix",
+// Tests the part on the host: more splats than lanes, groups (the first and last of which are invisible), and
+// the two representations of a pose.
+TEST_CASE("the gradient of a camera is the sum over groups and lanes, for the pose and for the matrix",
           "[pipeline]") {
   oracle::SceneOptions options{.count = 9000, .dim = 6, .seed = 3, .width = 50, .height = 40};
   oracle::Scene scene = oracle::regular_scene(options);
@@ -139,8 +140,9 @@ TEST_CASE("the gradient of a camera is the sum over groups and lanes, in the pos
   }
   CHECK(gradient(MixedModel(scene.model), scene.camera).camera.turn == whole.camera.turn);  // bit for bit
 
-  // <v, d(R | t)> for a turn a of R alone and a shift d of t alone. The scene's R is a rotation to float32
-  // only and the identity needs one to double, so this one is made of two Pythagorean triples.
+  // Computes <v, d(R | t)> for a rotation a that only changes R, and a translation d that only changes t. R
+  // of the scene is a rotation only to float32 precision, but the identity requires double precision. So this
+  // rotation is constructed from two Pythagorean triples.
   Camera camera = scene.camera;
   camera.rotation = {0.6,       0.0,          0.8, -0.8 * 5 / 13, 12.0 / 13, 0.6 * 5 / 13, -0.8 * 12 / 13,
                      -5.0 / 13, 0.6 * 12 / 13};

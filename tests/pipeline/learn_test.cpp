@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The end of a training step in one pass (Stages::learn): the bits of its three operations one after the
-// other, watched and not, with gradients of earlier views, penalties and frozen groups.
+// Tests the end of a training step in a single pass (Stages::learn): its results are bit-identical to its
+// three operations one after the other, with and without checks for finite values, with gradients of earlier
+// views, penalties and frozen groups.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -28,7 +29,7 @@ struct Form {
 struct Step {
   bool accumulate = false;
   float opacity = 0, scale = 0;  // penalties
-  std::uint32_t stamp = 0;       // 0: not watched
+  std::uint32_t stamp = 0;       // 0: finite values are not checked
   float poison = 0;              // added to the image gradient of one pixel
   std::uint32_t found = 0;       // in the sentinel
 };
@@ -38,7 +39,7 @@ struct Result {
   std::uint32_t sentinel = 0;
 };
 
-// Largest relative difference. Where one is no number both must be.
+// Returns the largest relative difference. If one value is NaN, both must be.
 double difference(const std::vector<float>& x, const std::vector<float>& y) {
   REQUIRE(x.size() == y.size());
   double worst = 0;
@@ -46,7 +47,7 @@ double difference(const std::vector<float>& x, const std::vector<float>& y) {
     if (std::isnan(x[i]) && std::isnan(y[i])) continue;
     if (x[i] == y[i]) continue;
     const double relative = std::abs(static_cast<double>(x[i]) / y[i] - 1);
-    worst = relative <= worst ? worst : relative;  // also what is no number
+    worst = relative <= worst ? worst : relative;  // also for NaN
   }
   return worst;
 }
@@ -65,7 +66,7 @@ class LearnRun {
     stages_ = make_stages(device, config_);
   }
 
-  // Moments that are not 0, so that splats without a gradient move too.
+  // The moments are not 0, so that splats without a gradient also move.
   Result run(const Step& step, bool at_once) {
     const DeviceModel model(device_, scene_.model);
     const std::size_t rows = static_cast<std::size_t>(trained_rows(model.layout(), config_.frozen));
@@ -130,7 +131,7 @@ class LearnRun {
   std::unique_ptr<Stages> stages_;
 };
 
-TEST_CASE("learning in one pass does what its three operations do", "[learn]") {
+TEST_CASE("learning in one pass is equivalent to its three operations", "[learn]") {
   const ModelVariant splats3d{
       .rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh1};
   const float infinite = std::numeric_limits<float>::infinity();
@@ -139,7 +140,7 @@ TEST_CASE("learning in one pass does what its three operations do", "[learn]") {
                              Form{6, {}, "scale,rgb"}}) {
       if (on_host(*device) && !(form.variant == ModelVariant{} && form.freeze.empty())) continue;
       for (const RasterKind raster : rasters_of(*device)) {
-        // Records come from either rasteriser alike; one form goes through both.
+        // Both rasterisers write the same records, so only one form is tested with both.
         if (raster == RasterKind::gpu && rasters_of(*device).size() > 1 && form.dim != 7 &&
             !test::whole_sweep())
           continue;
@@ -157,7 +158,8 @@ TEST_CASE("learning in one pass does what its three operations do", "[learn]") {
           INFO("accumulate " << step.accumulate << ", penalties " << step.opacity << " " << step.scale
                              << ", stamp " << step.stamp << ", poison " << step.poison << ", found "
                              << step.found);
-          // PoCL contracts the sum with a penalty, which may move the last bit: 9.3e-8 seen, of a scale.
+          // PoCL contracts the sum with a penalty, which may change the last bit: 9.3e-8 observed for a
+          // scale.
           CHECK(difference(at_once, apart) <= (step.opacity > 0 || step.scale > 0 ? 1.9e-7 : 0));
           CHECK(at_once.sentinel == apart.sentinel);
           CHECK(at_once.sentinel == (step.poison > 0 ? kStamp : step.found));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run does not use is not compiled, not allocated, not launched: the kernels and the buffers of
-// rendering beside those of training.
+// Tests that kernels and buffers that are not used are not compiled, allocated or launched: compares
+// rendering with training.
 #include <catch2/catch.hpp>
 
 #include "host/base/error.hpp"
@@ -27,7 +27,7 @@ Names without(const Names& all, const Names& some) {
   return rest;
 }
 
-// Devices of this test alone: what others have built does not count.
+// Opens separate devices for this test, so that kernels built by other tests do not count.
 std::unique_ptr<Device> fresh_device() { return open_device("opencl"); }
 const opencl::OpenclDevice& opencl_of(const Device& device) {
   return dynamic_cast<const opencl::OpenclDevice&>(device);
@@ -40,7 +40,8 @@ void render(Device& device, const test::Data& data, RasterKind raster) {
   Renderer renderer(device, *stages);
   renderer.set_cameras(cameras_of(data.train));
   renderer.forward(on_device.view(), 0, {}, false);
-  CHECK_THROWS_WITH(renderer.forward(on_device.view(), 0, {}, true), Catch::Contains("forward only"));
+  CHECK_THROWS_WITH(renderer.forward(on_device.view(), 0, {}, true),
+                    Catch::Contains("requires stages with a backward pass"));
   CHECK_THROWS_WITH(renderer.backward(BufferView<float>{}, false), Catch::Contains("forward only"));
 }
 
@@ -57,8 +58,8 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   CHECK(opencl_of(*drawing).created_kernels() ==
         Names{"project_forward", "count_sums", "count_write", "radix_histogram", "radix_scatter",
               "column_starts", "tile_histogram", "tile_scatter", "raster_cpu_forward"});
-  // Nor are the others in the programs that were built, but for the one that lists of unknown length need,
-  // which PoCL does not compile before it is launched.
+  // The other kernels are not in the programs that were built either, except for one that lists of unknown
+  // length need, and that PoCL does not compile before its launch.
   CHECK(opencl_of(*drawing).compiled_kernels() == Names{"project_forward", "count_sums", "count_write",
                                                         "radix_histogram", "radix_scatter", "column_starts",
                                                         "column_scan", "tile_histogram", "tile_scatter",
@@ -87,8 +88,8 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   CHECK_FALSE(opencl_of(*groups).compiled_kernels().contains("raster_gpu_backward"));
 }
 
-// Forward only, nothing of the image changes.
-TEST_CASE("stages without backward draw the same bits", "[left_out][opencv]") {
+// Stages without a backward pass do not change the image.
+TEST_CASE("stages without a backward pass render the same bits", "[left_out][opencv]") {
   const test::Data data = test::synthetic("glossy", 64, 4);
   const SplatModel model = initialise_random(6, 500, 1);
   for (const auto& device : devices_under_test())

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests the tests: each backward formula in turn is scaled by 1.01 in a copy of the kernel sources, and the
-// comparison with the oracle must notice. A mutant that survives means a blind spot of the suite.
+// comparison with the oracle must detect it. A mutation that is not detected shows a gap in the tests.
 #include <catch2/catch.hpp>
 #include <filesystem>
 
@@ -22,8 +22,8 @@ struct Mutation {
   const char* mutant;
 };
 
-// Each costs a compilation: every second one runs, of each file one at least, and with UBS_TEST_ALL=1 all.
-// The texts of all are looked for.
+// Each mutation costs a compilation, so only every second one is run, which includes at least one per file.
+// With UBS_TEST_ALL=1 all are run. The original texts of all mutations must exist.
 constexpr Mutation kMutations[] = {
     {"math/blend.h", "sums.opacity += a.falloff * v_alpha;",
      "sums.opacity += V(1.01) * a.falloff * v_alpha;"},
@@ -62,9 +62,9 @@ Scenes make_scene() {
   return s;
 }
 
-// Largest relative error over the parameter groups, with kernels freshly built from the sources in force.
+// Returns the largest relative error of all parameter groups. The kernels are built from the current sources.
 double worst_group_error(const Scenes& s) {
-  // Kernels of the other back ends are compiled ahead of time; the formulas are the same.
+  // The kernels of other back ends are compiled ahead of time, but use the same formulas.
   const std::unique_ptr<Device> device = open_device("opencl");
   const auto stages = make_stages(*device, {.dim = s.scene.model.dim});
   const ViewGradient actual = view_gradient(*device, *stages, s.scene.model, s.scene.camera,
@@ -79,9 +79,9 @@ double worst_group_error(const Scenes& s) {
   return worst;
 }
 
-TEST_CASE("a backward formula scaled by 1.01 is noticed", "[mutation]") {
+TEST_CASE("a backward formula scaled by 1.01 is detected", "[mutation]") {
   const Scenes s = make_scene();
-  constexpr double kBound = 4.0e-5;  // of the regular scene of N = 5 in oracle_comparison_test.cpp
+  constexpr double kBound = 4.0e-5;  // as for the regular scene with N = 5 in oracle_comparison_test.cpp
   CHECK(worst_group_error(s) < kBound);
   for (std::size_t n = 0; n < std::size(kMutations); ++n) {
     const Mutation& m = kMutations[n];

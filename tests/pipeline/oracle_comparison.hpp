@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One view on one device and rasteriser against the float64 oracle: image, alpha, depth, and the gradient of
-// the loss by parameter group. Errors are printed.
+// Compares one view on one device and rasteriser with the float64 oracle: image, alpha, depth, and the
+// gradient of the loss by parameter group. Errors are printed.
 #pragma once
 
 #include <string>
@@ -18,9 +18,9 @@ struct Case {
 
 std::string text(RasterKind kind);
 
-// bound: maximal absolute error of image and alpha, relative 2-norm error of the depth.
+// bound: limit of the absolute error of image and alpha, and of the relative 2-norm error of the depth.
 void compare_forward(const Case& c, const std::string& name, const oracle::Scene& scene, double bound);
-// bound: relative 2-norm error of each parameter group.
+// bound: limit of the relative 2-norm error of each parameter group.
 void compare_gradient(const Case& c, const std::string& name, const oracle::Scene& scene, double bound,
                       bool expect_gradient = true);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole views on every device and rasteriser against the float64 oracle: image, alpha, depth and the gradient
-// of the loss by parameter group, for N from 3 to 11.
+// Compares whole views on every device and rasteriser with the float64 oracle: image, alpha, depth and the
+// gradient of the loss by parameter group, for N from 3 to 11.
 #include "tests/pipeline/oracle_comparison.hpp"
 
 #include <catch2/catch.hpp>
@@ -38,28 +38,29 @@ oracle::SceneOptions options(int dim, std::size_t count, int width, int height) 
       .count = count, .dim = dim, .seed = static_cast<std::uint64_t>(dim), .width = width, .height = height};
 }
 
-// In scenes where many pixels end near the transmittance at which they are finished, rounding decides about a
-// splat at a few of them. The kernels of cards round differently (scalars, another order): observed with
-// those of CUDA run by the CPU, in every order of threads, and on an H200 with both back ends.
+// If many pixels of a scene end near the transmittance at which blending stops, rounding determines at a few
+// of them whether one more splat is included. The kernels for cards round differently, because they use
+// scalars and a different order. These bounds were observed with the CUDA kernels run by the CPU in every
+// order of threads, and on an H200 with both back ends.
 double by_device(const Case& c, double cpu, double card) {
   return c.device.info().type == DeviceType::gpu ? card : cpu;
 }
 
-// Gradients above 1e-4 are those of scenes with a pixel on the rim of a kernel with beta 0.33, where 1 - r is
-// known to 1.7e-7: N = 10 has one at 1 - r = 4.5e-4, the 1025 splats below one at 1.7e-4, the opaque layers
-// one at 9.1e-5. Without the weights of the pixels with 1 - r < 3e-3 their errors are 1.7e-5, 7.1e-6
-// and 1.5e-5 (tests/stress/rim_pixel_test.cpp has the second).
+// Gradient errors above 1e-4 occur in scenes with a pixel at the rim of a kernel with beta 0.33, where the
+// error of 1 - r is 1.7e-7: such a pixel has 1 - r = 4.5e-4 for N = 10, 1.7e-4 for the 1025 splats below, and
+// 9.1e-5 for the opaque layers. Without the weights of pixels with 1 - r < 3e-3, the errors are 1.7e-5,
+// 7.1e-6 and 1.5e-5 (tests/stress/rim_pixel_test.cpp contains the second).
 struct Bounds {
   double forward, gradient;
 };
 
-// Twice the observed.
+// The bounds are twice the observed errors.
 const std::map<int, Bounds> kRegular{{3, {1.0e-5, 2.8e-5}}, {4, {2.6e-5, 3.7e-4}},  {5, {1.0e-5, 4.0e-5}},
                                      {6, {7.8e-6, 3.3e-5}}, {7, {2.6e-5, 9.8e-5}},  {8, {2.2e-5, 2.0e-4}},
                                      {9, {8.0e-6, 2.8e-5}}, {10, {4.7e-5, 1.1e-3}}, {11, {2.2e-5, 3.8e-4}}};
 
-// Beyond 7 a value more of the query is the only difference: 8 stands for them, and 11 in variant_test.cpp;
-// all with UBS_TEST_ALL=1.
+// Dimensions above 7 only differ by additional query values. They are represented by 8, and by 11 in
+// variant_test.cpp. All are tested with UBS_TEST_ALL=1.
 TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
   const std::vector<int> dims = test::whole_sweep() ? std::vector<int>{3, 4, 5, 6, 7, 8, 9, 10, 11}
                                                     : std::vector<int>{3, 4, 5, 6, 7, 8};
@@ -75,7 +76,7 @@ TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
 
 TEST_CASE("the gradient through the view direction agrees with float64", "[oracle]") {
   for_each_case({6, 7}, [](const Case& c) {
-    if (on_host(c.device) && c.config.dim == 6) return;  // a part of the other
+    if (on_host(c.device) && c.config.dim == 6) return;  // included in the other
     Case with_query = c;
     with_query.config.query_grad = true;
     compare_gradient(with_query, "query_grad", oracle::regular_scene(options(c.config.dim, 150, 48, 40)),
@@ -93,7 +94,7 @@ TEST_CASE("expected depth agrees with float64", "[oracle]") {
   });
 }
 
-TEST_CASE("image sizes that do not fit tiles or blocks", "[oracle]") {
+TEST_CASE("image sizes that are not multiples of tiles or blocks", "[oracle]") {
   for_each_case({6}, [](const Case& c) {
     for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {3, 65}, {16, 16}, {33, 31}, {15, 49}}) {
       INFO(width << "x" << height);
@@ -107,7 +108,7 @@ TEST_CASE("image sizes that do not fit tiles or blocks", "[oracle]") {
 
 TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
   for_each_case({6}, [](const Case& c) {
-    // Twice the observed; 1025: see above.
+    // The bounds are twice the observed errors. For 1025 see above.
     const std::map<std::size_t, Bounds> bounds{
         {1, {1.6e-6, 1.2e-5}},   {15, {1.1e-5, 1.7e-5}},  {16, {1.1e-5, 1.3e-5}},  {17, {1.1e-5, 1.3e-5}},
         {63, {7.4e-6, 1.1e-5}},  {65, {7.4e-6, 1.1e-5}},  {255, {1.8e-6, 8.0e-6}}, {256, {1.7e-6, 7.8e-6}},
@@ -134,7 +135,7 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     SECTION("one splat") {
       compare_gradient(
           c, "one", oracle::single_splat_scene(options(dim, 1, 30, 30)),
-          dim == 3 ? 1.5e-5 : 2.8e-4);  // worst observed 7.5e-6, 1.4e-4 (opacity: its parts cancel)
+          dim == 3 ? 1.5e-5 : 2.8e-4);  // worst observed 7.5e-6, 1.4e-4 (opacity, whose terms cancel)
     }
     SECTION("a splat over every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
@@ -146,13 +147,13 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
       compare_forward(c, "crowded", scene, 1.4e-6);   // worst observed 6.9e-7
       compare_gradient(c, "crowded", scene, 2.3e-5);  // worst observed 1.1e-5
     }
-    SECTION("lists of many segments, all of which count") {
+    SECTION("lists of many segments that all contribute") {
       oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 5000, 48, 48));
       for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 3;  // no pixel is finished
       compare_forward(c, "faint", scene, 1.3e-6);                                     // worst observed 6.9e-7
       compare_gradient(c, "faint", scene, 4.5e-5);                                    // worst observed 2.3e-5
     }
-    SECTION("pixels that are finished in different parts of a list") {
+    SECTION("pixels that finish in different segments of a list") {
       oracle::Scene scene = oracle::crowded_tile_scene(options(dim, 9000, 48, 48));
       for (float& logit : scene.model.row(scene.model.layout().opacity)) logit -= 2;
       Case with_depth = c;
@@ -167,8 +168,8 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("opaque layers") {
       const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
-      // Worst observed N = 3: 2.7e-6 and 4.6e-5; N = 6: 1.2e-5 and 4.7e-4; cards 6.7e-5 and 2.7e-3
-      // (an H200 3.0e-5 and 1.2e-3).
+      // Largest errors observed: 2.7e-6 and 4.6e-5 for N = 3, 1.2e-5 and 4.7e-4 for N = 6; with kernels for
+      // cards 6.7e-5 and 2.7e-3 (on an H200 3.0e-5 and 1.2e-3).
       compare_forward(c, "opaque", scene, by_device(c, dim == 3 ? 5.4e-6 : 2.3e-5, 1.3e-4));
       compare_gradient(c, "opaque", scene, by_device(c, dim == 3 ? 9.2e-5 : 9.4e-4, 5.4e-3));
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unit of a scene: a model, its cameras and its planes multiplied by a length draw the same pictures, and
-// the depth at which cameras see points scales with them.
+// Tests the unit of a scene: if a model, its cameras and its clipping planes are multiplied by a length, the
+// images do not change, and the depth at which cameras see points is scaled.
 #include "host/scene/scene_unit.hpp"
 
 #include <catch2/catch.hpp>
@@ -37,14 +37,15 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
   return largest;
 }
 
-// Depths times alpha: where hardly anything is drawn, the depth is a quotient of two small numbers.
+// Compares depths times alpha, because at nearly transparent pixels the depth is a quotient of two small
+// numbers.
 std::vector<float> depths(const RenderedView& view, double unit) {
   std::vector<float> out = view.depth;
   for (std::size_t i = 0; i < out.size(); ++i) out[i] *= static_cast<float>(view.alpha[i] / unit);
   return out;
 }
 
-TEST_CASE("unit: a scaled model draws the same pictures", "[unit]") {
+TEST_CASE("unit: a scaled model gives the same images", "[unit]") {
   std::vector<test::NamedVariant> forms = test::named_variants();
   forms.insert(forms.begin(), {{"default", 6, {}}, {"default", 7, {}}, {"default", 4, {}}});
   for (const auto& device : devices_under_test())
@@ -86,12 +87,12 @@ TEST_CASE("unit: the depth at which cameras see points", "[unit]") {
     scale_lengths(scaled_points, factor);
     CHECK(median_depth(scaled, scaled_points).value() == Approx(factor * depth).epsilon(1e-6));
   }
-  // One more camera, far away, changes little.
+  // An additional camera far away changes little.
   cameras.push_back(cameras[0]);
   for (double& value : cameras.back().translation) value *= 10;
   CHECK(median_depth(cameras, points).value() == Approx(depth).epsilon(0.02));
   points.positions.resize(5);
-  CHECK_FALSE(median_depth(cameras, points));  // too few to tell
+  CHECK_FALSE(median_depth(cameras, points));  // too few to decide
 }
 
 TEST_CASE("unit: settings and views of training", "[unit]") {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views that ranks make together (SharedRenderer), in one process and on every device: with ranks that reach
-// the memory of cards and with such that do not, image and gradients have the bits of a renderer that has all
-// splats.
+// Tests views that ranks render together (SharedRenderer), in one process and on every device. With and
+// without direct access of the ranks to the memory of cards, image and gradients are bit-identical to those
+// of a renderer with all splats.
 #include <catch2/catch.hpp>
 #include <cstring>
 
@@ -15,7 +15,7 @@
 namespace ubs {
 namespace {
 
-// Ranks of one thread: what one has started the others find.
+// Ranks of a single thread: messages that one has started are found by the others.
 class Office {
  public:
   Office(int ranks, bool takes_cards) : takes_cards_(takes_cards), sent_(static_cast<std::size_t>(ranks)) {}
@@ -70,7 +70,7 @@ SplatModel part(const SplatModel& model, const Share& share) {
   return out;
 }
 
-// Gradient of the loss whose gradient by colours is the image itself.
+// Returns the gradient of the loss whose derivative with respect to the colours is the image itself.
 void differentiate(Device& device, Renderer& renderer) {
   const BufferView<float> image = renderer.image(), v_image = renderer.v_image();
   device.copy(*image.memory, 0, *v_image.memory, 0, image.size * sizeof(float));
@@ -98,7 +98,7 @@ struct Rank {
   Buffer<float> v_params;
 };
 
-TEST_CASE("views that ranks make together have the bits of one process", "[ranks]") {
+TEST_CASE("views that ranks render together are bit-identical to those of one process", "[ranks]") {
   constexpr int kRanks = 3;
   const bench::BenchScene scene = bench::random_start(6, 300, 64, 64);
   REQUIRE(scene.views.views.size() >= 4);
@@ -120,7 +120,8 @@ TEST_CASE("views that ranks make together have the bits of one process", "[ranks
       std::vector<std::unique_ptr<Rank>> ranks;
       for (int r = 0; r < kRanks; ++r)
         ranks.push_back(std::make_unique<Rank>(*device, office, r, scene, kRanks));
-      // Four views: the third rank draws none in the second round, whose records travel beside the first.
+      // There are four views. The third rank renders none in the second round, whose records are sent during
+      // the first.
       const std::vector<std::vector<std::int64_t>> deal{{0, 1, 2}, {3, kNoView, kNoView}};
       std::vector<std::array<SharedRenderer::Round, 2>> rounds(kRanks);
       const auto begin = [&](std::size_t round) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradient slots that one allocation of the device does not hold are several buffers: gradients are the same
-// bits as from one, and what does not fit at all is refused with the numbers. The limits are those of a
-// device object that says it has them.
+// Tests gradient slots that do not fit into a single allocation of the device and are divided into several
+// buffers. Gradients are bit-identical to those with a single buffer, and slots that do not fit at all are
+// rejected with the numbers. The limits are simulated by a device object.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::uint64_t kSlotBytes = stage_sizes::slot_floats(RasterKind::cpu) * sizeof(float);
 
-// The same device with smaller allocations, and less memory where that is given.
+// The same device with smaller allocations and, optionally, less memory.
 opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,
                              std::uint64_t memory_bytes = 0) {
   const auto& opened = dynamic_cast<const opencl::OpenclDevice&>(device);
@@ -41,7 +41,7 @@ struct Result {
   unsigned pieces = 0;
 };
 
-// `again`: by the bound of the view before, which is the same.
+// `again`: the view is rendered with the bound of the previous view, which is the same view.
 Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelConfig& config,
                    bool again = false) {
   CaptureStages capture(make_stages(device, config));
@@ -62,7 +62,7 @@ Result gradient_of(Device& device, const bench::BenchScene& scene, const KernelC
   return result;
 }
 
-// Splats that reach all tiles, so that slots are by far the largest buffer.
+// The splats cover all tiles, so that the slots are by far the largest buffer.
 bench::BenchScene wide_splats(std::size_t count = 960) {
   bench::BenchScene scene = bench::random_start(3, count, 64, 64);
   for (const ParameterGroup& group : parameter_groups(scene.model.layout()))
@@ -71,18 +71,18 @@ bench::BenchScene wide_splats(std::size_t count = 960) {
   return scene;
 }
 
-TEST_CASE("gradient slots in pieces give the bits of slots in one", "[slots]") {
+TEST_CASE("gradient slots in several buffers give the same bits as in one", "[slots]") {
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       KernelConfig config{.dim = 3, .raster = raster};
-      // Cards have states of lists beside the slots, 8 bytes a pair, which one allocation must hold: five
-      // pieces at most.
+      // Cards also have list states of 8 bytes per pair, which must fit into a single allocation. So there
+      // are at most five buffers.
       const bench::BenchScene scene = wide_splats(raster == RasterKind::cpu ? 960 : 600);
       const Result whole = gradient_of(*device, scene, config);
       REQUIRE(whole.pieces == 1);
       INFO(device->info().name << ", " << (raster == RasterKind::cpu ? "cpu" : "gpu") << ", "
                                << whole.intersections << " intersections");
-      for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 pieces
+      for (const std::uint64_t shift : {0, 1, 2}) {  // up to 2, 4 and 8 buffers
         const std::uint64_t each = std::bit_floor(whole.intersections - 1) >> shift;
         opencl::OpenclDevice small =
             limited(*device, each * stage_sizes::slot_floats(raster) * sizeof(float));
@@ -104,7 +104,7 @@ std::string refusal(Device& device, const bench::BenchScene& scene) {
   return "not refused";
 }
 
-TEST_CASE("gradient slots beyond all pieces, or beyond the memory, are refused with the numbers", "[slots]") {
+TEST_CASE("gradient slots that exceed all buffers or the memory are rejected with the numbers", "[slots]") {
   const bench::BenchScene scene = wide_splats();
   for (const auto& device : opencl_devices_under_test()) {
     const std::uint64_t pairs = gradient_of(*device, scene, {.dim = 3}).intersections;
@@ -118,17 +118,17 @@ TEST_CASE("gradient slots beyond all pieces, or beyond the memory, are refused w
   }
 }
 
-TEST_CASE("gradient slots: a plan says how many fit", "[slots][plan]") {
+TEST_CASE("gradient slots: a plan reports how many fit", "[slots][plan]") {
   DeviceInfo device;
   device.name = "small";
   device.max_allocation_bytes = std::uint64_t{1} << 30;
   device.memory_bytes = std::uint64_t{64} << 30;
   MemoryQuestion question{.dim = 6, .splats = 1000, .width = 64, .height = 64, .intersections = 100'000'000};
   CHECK(SlotStore::most(device, stage_sizes::slot_floats(RasterKind::cpu)) == std::uint64_t{8} << 24);
-  CHECK(memory_shortage(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 pieces
+  CHECK(memory_shortage(plan_memory(question), device).empty());  // 6.0 GiB of slots in 6 buffers
   question.intersections = 200'000'000;
   CHECK_THAT(memory_shortage(plan_memory(question), device),
-             Catch::Contains("'gradient slots' needs 12207 MiB") && Catch::Contains("8192 MiB of them"));
+             Catch::Contains("'gradient slots' needs 12207 MiB") && Catch::Contains("only 8192 MiB"));
   device.memory_bytes = std::uint64_t{4} << 30;
   question.intersections = 100'000'000;
   CHECK_THAT(memory_shortage(plan_memory(question), device), Catch::Contains("the run needs"));

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground-truth images reach the device intact whether they stay there, pass through staging, are uploaded
-// ahead or not, and while earlier readers of the same staging buffer are still in the queue.
+// Tests that ground-truth images are transferred correctly to the device: whether they stay there or pass
+// through staging buffers, whether they are uploaded ahead or not, and while earlier readers of the same
+// staging buffer are still in the queue.
+#include "host/train/target_images.hpp"
+
 #include <catch2/catch.hpp>
 
-#include "host/train/target_images.hpp"
 #include "tests/support/device_fixture.hpp"
 
 namespace ubs {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Short training runs on the embedded scenes, as the tests of training need them.
+// Short training runs on the built-in scenes for the tests of training.
 #pragma once
 
 #include <cstring>
@@ -41,7 +41,7 @@ inline TrainSettings short_run(int dim, int iterations, int splats) {
   return settings;
 }
 
-// Of test views.
+// Measurements of the test views.
 inline const Split kNone{"test", {}};
 
 inline SplatModel start(const TrainSettings& s) {

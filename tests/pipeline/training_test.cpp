@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training as a whole: it learns, it repeats bit for bit, it grows to its cap and no further.
+// Tests training as a whole: it learns, is reproducible bit for bit, and grows to its cap but not beyond.
 #include <catch2/catch.hpp>
 
 #include "tests/pipeline/training_runs.hpp"
@@ -17,11 +17,11 @@ using test::short_run;
 using test::synthetic;
 using test::train;
 
-TEST_CASE("training learns the embedded scenes", "[training]") {
+TEST_CASE("training learns the built-in scenes", "[training]") {
   struct Row {
     const char* scene;
     int dim;
-    double floor;  // test PSNR [dB]; about 1 dB under what was reached when the test was written (PoCL)
+    double floor;  // test PSNR [dB]; about 1 dB below the value when the test was written (PoCL)
   };
   for (const auto& device : devices_under_test())
     for (const Row& row :
@@ -48,7 +48,7 @@ TEST_CASE("two runs give identical bits", "[training][determinism]") {
         const Outcome second = train(*device, settings, data);
         CHECK(first.model.count == 900);
         CHECK(test::same_bits(first.model.values, second.model.values));
-        if (settings.raster == "gpu") continue;  // another seed is another run with either
+        if (settings.raster == "gpu") continue;  // testing the seed with one rasteriser is enough
         settings.seed = 43;
         const Outcome other = train(*device, settings, data);
         CHECK(first.model.values != other.model.values);
@@ -56,8 +56,8 @@ TEST_CASE("two runs give identical bits", "[training][determinism]") {
     }
 }
 
-// Splats multiply by five, and views differ: again and again there is no room.
-TEST_CASE("training by a bound of the lists gives the bits of waiting for their size",
+// The number of splats grows by a factor of five, and views differ, so the capacity is exceeded repeatedly.
+TEST_CASE("training with a bound of the lists gives the same bits as waiting for their size",
           "[training][determinism]") {
   const Data data = synthetic("glossy", 40, 10);
   const auto run = [&](Device& device, const TrainSettings& settings, IntersectionCount& count) {
@@ -73,7 +73,7 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device))
       for (const int batch : {1, 3}) {
-        // Lists are those of a view, with either.
+        // Both have the lists of the last view.
         if (batch == 3 && raster == "gpu" && !test::whole_sweep()) continue;
         DYNAMIC_SECTION(device->info().name << ", raster " << raster << ", batch " << batch) {
           TrainSettings settings = short_run(6, 80, 300);
@@ -82,7 +82,7 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
           settings.refine.step = 1500;
           settings.batch = batch;
           settings.raster = raster;
-          settings.eval_every = "30";  // in between the same renderer draws other views
+          settings.eval_every = "30";  // in between, the same renderer renders other views
           settings.list_counts = ListCounts::wait;
           IntersectionCount waited, bounded;
           const auto [expected, expected_losses] = run(*device, settings, waited);
@@ -103,7 +103,7 @@ TEST_CASE("training by a bound of the lists gives the bits of waiting for their 
       }
 }
 
-TEST_CASE("a batch of views is the mean of its views", "[training]") {
+TEST_CASE("the gradient of a batch is the mean over its views", "[training]") {
   const Data data = synthetic("glossy", 40, 8);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 60, 500);
@@ -124,7 +124,7 @@ TEST_CASE("the cap is raised to the initial count and never exceeded", "[trainin
   }
 }
 
-TEST_CASE("view order visits every view once an epoch and depends on the counter alone", "[training]") {
+TEST_CASE("every view is visited once per epoch, and the order only depends on the counter", "[training]") {
   ViewOrder order(7, 13);
   std::vector<std::uint32_t> first;
   for (std::uint64_t draw = 0; draw < 39; ++draw) first.push_back(order(draw));

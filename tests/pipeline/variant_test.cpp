@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole views of every variant of the method (docs/variants.md) on every device and rasteriser against the
-// float64 oracle, whose variants are written from the method alone.
+// Compares whole views of every variant of the method (docs/variants.md) on every device and rasteriser with
+// the float64 oracle, which implements the variants independently of the kernels.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <set>
@@ -14,11 +14,12 @@
 namespace ubs {
 namespace {
 
-// Every part of the projection that CUDA compiles in another way: both kernels, all of the covariance forms.
+// Every part of the projection that CUDA compiles differently: both spatial kernels, and all forms of the
+// covariance.
 constexpr std::string_view kOnHost[] = {"3DGS", "6DGS", "skew_nd whiten sh2 antialias", "direct gaussian"};
 
-// What another form has too: every value of every switch is in one of the rest, and tests/math takes each of
-// them by itself. They run with UBS_TEST_ALL=1.
+// Redundant forms: the other forms contain every value of every switch, and tests/math tests each form
+// separately. These forms are only tested with UBS_TEST_ALL=1.
 constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"cholesky", 3},
                                                            {"cholesky", 6},
@@ -34,11 +35,12 @@ constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"7DGS", 7},
                                                            {"direct", 4},
                                                            {"direct", 5}};
-// Forms whose rasteriser or colours differ from those before, for the second rasteriser.
+// Forms whose rasteriser or colours differ from the previous ones. They are also tested with the second
+// rasteriser.
 constexpr std::string_view kSecondRaster[] = {"DBS", "3DGS", "direct 6DGS"};
 
-// Without spatial betas below 2.4: their steep rim costs float32 three digits in any variant (the regular
-// scenes of oracle_comparison_test.cpp have it) and would hide an error of a formula.
+// The scene has no spatial betas below 2.4. Their steep rim costs three digits of float32 in all variants
+// (the regular scenes of oracle_comparison_test.cpp include it) and would hide errors of formulas.
 oracle::Scene variant_scene(const test::NamedVariant& v) {
   oracle::Scene scene = oracle::regular_scene({.count = 200,
                                                .dim = v.dim,
@@ -51,7 +53,7 @@ oracle::Scene variant_scene(const test::NamedVariant& v) {
   return scene;
 }
 
-// Of switches, by their place.
+// Values of switches, by index.
 std::set<std::pair<std::size_t, int>> values_of(const std::vector<test::NamedVariant>& variants) {
   std::set<std::pair<std::size_t, int>> values;
   for (const test::NamedVariant& v : variants) {
@@ -85,7 +87,8 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
     for (const RasterKind raster : rasters_of(*device))
       for (const test::NamedVariant& v : variants_of_all_dims()) {
         if (on_host(*device) && !std::ranges::count(kOnHost, v.name)) continue;
-        // Of the rasteriser only the kernel is a variant: its other form goes through a few of them.
+        // The only variant of the rasteriser is the spatial kernel, so its second kind is tested with a few
+        // forms.
         if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && !test::whole_sweep() &&
             !std::ranges::count(kSecondRaster, v.name))
           continue;
@@ -104,7 +107,7 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
       }
 }
 
-TEST_CASE("choices that exclude one another are refused", "[variants]") {
+TEST_CASE("incompatible choices are rejected", "[variants]") {
   for (const auto& device : devices_under_test()) {
     KernelConfig config;
     config.dim = 6;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the kernels leave out: blocks and splats without effect; with alpha_min also small contributions,
-// which agrees with float64 and stays within its stated bound.
+// Tests the work that kernels skip: blocks and splats without effect, and with alpha_min also small
+// contributions. Results agree with float64, and the error of alpha_min stays within its stated bound.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -31,7 +31,7 @@ oracle::Scene scene_of(ModelVariant variant = {}, std::size_t count = 400) {
   return scene;
 }
 
-// Opaque layers, so that pixels, blocks and tiles finish.
+// Returns opaque layers, so that pixels, blocks and tiles finish early.
 oracle::Scene opaque_scene() {
   return oracle::opaque_stack_scene({.count = kOpaque, .dim = 4, .seed = 5, .width = 61, .height = 45});
 }
@@ -64,8 +64,8 @@ DrawnView view_of(Device& device, const oracle::Scene& scene, RasterKind raster,
   return view;
 }
 
-// Opaque layers, so that pixels, blocks and tiles finish; and a scene without them.
-TEST_CASE("a view leaves out what changes nothing", "[work]") {
+// Tests opaque layers, so that pixels, blocks and tiles finish early, and a scene without them.
+TEST_CASE("a view skips work without effect", "[work]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const oracle::Scene& scene : {scene_of(), opaque_scene()}) {
@@ -74,7 +74,7 @@ TEST_CASE("a view leaves out what changes nothing", "[work]") {
         REQUIRE(std::ranges::any_of(view.gradient, [](float v) { return v != 0; }));
         const oracle::Render all =
             oracle::render(oracle::to_model(scene.model), scene.camera, {.background = scene.background});
-        // Nothing is lost with the blocks, of which most are left out.
+        // Skipping blocks loses nothing, although most of them are skipped.
         double most = 0;
         for (std::size_t i = 0; i < view.alpha.size(); ++i)
           most = std::max(most, std::abs(view.alpha[i] - all.alpha[i]));
@@ -101,13 +101,14 @@ TEST_CASE("alpha_min agrees with float64", "[work][oracle]") {
       }
 }
 
-// A contribution that is left out changes the pixel by T alpha (colour - what lies behind), at most alpha_min
-// times the range R of colours and background; n of them by n alpha_min R at most. Removing them lets more
-// light through, so that a pixel may be stopped elsewhere: a stop leaves out the light S that was left, at
-// most S R, with and without alpha_min. Hence |difference| <= R (n alpha_min + S + S').
+// A skipped contribution changes the pixel by T alpha (colour - colour of everything behind), which is at
+// most alpha_min times the range R of colours and background. So n of them change it by at most n alpha_min
+// R. Without them, more light passes, so that blending may stop at a different splat. Stopping ignores the
+// remaining light S, which changes the pixel by at most S R, with and without alpha_min. Hence |difference|
+// <= R (n alpha_min + S + S').
 TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
   for (const auto& device : devices_under_test())
-    for (const float more_opacity : {0.0f, 5.0f})  // with more of it more pixels are stopped
+    for (const float more_opacity : {0.0f, 5.0f})  // with a larger value, blending stops at more pixels
       for (const float alpha_min : {1.0f / 255, 0.02f}) {
         oracle::Scene scene = scene_of();
         for (float& raw : scene.model.row(scene.model.layout().opacity)) raw += more_opacity;
@@ -145,7 +146,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
       }
 }
 
-TEST_CASE("the least alpha of the settings", "[work]") {
+TEST_CASE("the minimum alpha of the settings", "[work]") {
   TrainSettings settings;
   settings.alpha_min = 0.25;
   validate(settings);

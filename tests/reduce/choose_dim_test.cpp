@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `--dim auto`: the dimensions that training views can teach anything about.
+// Tests `--dim auto`, which chooses the dimensions that can be learnt from the training views.
 #include "host/scene/choose_dim.hpp"
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ using Catch::Contains;
 
 namespace {
 
-// Cameras of a ring around the origin, all at time 0.25.
+// Returns cameras on a ring around the origin, all at time 0.25.
 std::vector<View> ring(int count) {
   std::vector<View> views;
   for (int i = 0; i < count; ++i) {
@@ -28,7 +28,7 @@ std::vector<View> ring(int count) {
 
 }  // namespace
 
-TEST_CASE("dim auto: what differs between the views is used", "[reduce]") {
+TEST_CASE("dim auto: dimensions that differ between the views are used", "[reduce]") {
   std::vector<View> views = ring(6);
   CHECK(choose_dim(views).dim == 6);
   CHECK_THAT(choose_dim(views).reason, Contains("all times are equal") && Contains("degrees apart"));
@@ -38,14 +38,14 @@ TEST_CASE("dim auto: what differs between the views is used", "[reduce]") {
   CHECK_THAT(choose_dim(views).reason, Contains("3 different times"));
 
   for (View& view : views) view.camera.extra = {0.5, 1.0};
-  CHECK(choose_dim(views).dim == 7);  // further values that are always the same teach nothing
+  CHECK(choose_dim(views).dim == 7);  // further query values that are constant cannot be learnt
   views[2].camera.extra[1] = 2;
   CHECK(choose_dim(views).dim == 9);
   views[0].camera.extra.pop_back();  // a view without the second value
   CHECK(choose_dim(views).dim == 7);
 }
 
-TEST_CASE("dim auto: no direction where the scene is seen from one", "[reduce]") {
+TEST_CASE("dim auto: no direction if the scene is seen from only one", "[reduce]") {
   std::vector<View> views = ring(1);
   CHECK(choose_dim(views).dim == 3);
   CHECK_THAT(choose_dim(views).reason, Contains("a single view"));
@@ -57,17 +57,17 @@ TEST_CASE("dim auto: no direction where the scene is seen from one", "[reduce]")
   for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {static_cast<double>(i)};
   CHECK(choose_dim(views).dim == 5);
   for (std::size_t i = 0; i < 4; ++i) views[i].camera.extra = {0.0, static_cast<double>(i)};
-  CHECK(choose_dim(views).dim == 9);  // three values exist only beside a direction
+  CHECK(choose_dim(views).dim == 9);  // three further values are only possible together with a direction
   CHECK_THAT(choose_dim(views).reason, Contains("the direction is included"));
 
-  // Parallel cameras side by side: nobody knows how far away the scene is, so the direction stays.
+  // With parallel cameras side by side, the distance of the scene is unknown, so the direction is kept.
   views.assign(3, ring(1)[0]);
   for (std::size_t i = 0; i < 3; ++i) views[i].camera.translation[0] += static_cast<double>(i);
   CHECK(choose_dim(views).dim == 6);
   CHECK_THROWS_WITH(choose_dim(std::vector<View>{}), Contains("the training split has none"));
 }
 
-TEST_CASE("dim auto: a setting like any other", "[reduce]") {
+TEST_CASE("dim auto: can be set like any other value", "[reduce]") {
   TrainSettings settings;
   const auto fields = bind_fields(settings, train_fields());
   set_field(fields, "dim=auto", "--set");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files of models whose splats have several dimensions.
+// Tests files of models with splats of different dimensions.
 #include <algorithm>
 
 #include "host/data/ply.hpp"
@@ -30,7 +30,7 @@ TEST_CASE("mixed file: round trip", "[reduce]") {
   write_mixed_ply(folder / "m.ply", model, std::vector<std::string>{"ubs_offset 1 2 3"});
   const std::string text = get(folder / "m.ply");
   CHECK(text.find("comment ubs groups 7,6,3\n") != std::string::npos);
-  CHECK(text.find("element vertex 5\n") != std::string::npos);  // what other tools read
+  CHECK(text.find("element vertex 5\n") != std::string::npos);  // the part that other tools read
   CHECK(text.find("element vertex_6d 3\n") != std::string::npos);
   CHECK(text.find("element vertex_3d 70\n") != std::string::npos);
 
@@ -46,14 +46,14 @@ TEST_CASE("mixed file: round trip", "[reduce]") {
   CHECK(back.model.parameters() == 5 * 44 + 3 * 35 + 70 * 14);
   CHECK(to_string(back.model) == "N = 7: 5, N = 6: 3, N = 3: 70, 78 splats");
 
-  // One group is a file as it always was.
+  // With a single group, the file has the format without groups.
   write_splat_ply(folder / "a.ply", model.groups[1]);
   write_mixed_ply(folder / "b.ply", model.groups[1]);
   CHECK(get(folder / "a.ply") == get(folder / "b.ply"));
   CHECK(get(folder / "a.ply").find("groups") == std::string::npos);
 }
 
-TEST_CASE("mixed file: what does not fit is refused with a reason", "[reduce]") {
+TEST_CASE("mixed file: inconsistent files are rejected with a reason", "[reduce]") {
   const TempFolder folder;
   write_mixed_ply(folder / "m.ply", three_groups());
   const std::string good = get(folder / "m.ply");
@@ -62,10 +62,10 @@ TEST_CASE("mixed file: what does not fit is refused with a reason", "[reduce]") 
     return message_of([&] { read_mixed_ply(folder / "x.ply"); });
   };
   CHECK_THAT(message_of([&] { read_splat_ply(folder / "m.ply"); }),
-             Contains("splats of several dimensions (N = 7: 5, N = 6: 3, N = 3: 70, 78 splats)"));
+             Contains("splats of different dimensions (N = 7: 5, N = 6: 3, N = 3: 70, 78 splats)"));
   CHECK_THAT(message(replaced(good, "groups 7,6,3", "groups 7,3")), Contains("lists the groups '7,3'"));
   CHECK_THAT(message(replaced(good, "comment ubs groups 7,6,3\n", "")),
-             Contains("the elements are of N = 7,6,3"));
+             Contains("but the elements have N = 7,6,3"));
   CHECK_THAT(message(replaced(good, "vertex_6d 3\n", "vertex_5d 3\n")),
              Contains("'vertex_5d' has the properties of N = 6"));
   CHECK_THAT(message(replaced(good, "vertex_6d 3\n", "face 3\n")), Contains("groups '7,6,3'"));
@@ -76,7 +76,7 @@ TEST_CASE("mixed file: what does not fit is refused with a reason", "[reduce]") 
 
   MixedModel twice(std::vector<SplatModel>{numbered(6, 2, 1), numbered(6, 2, 2)});
   CHECK_THAT(message_of([&] { write_mixed_ply(folder / "n.ply", twice); }, ErrorKind::internal),
-             Contains("two groups of N = 6"));
+             Contains("two groups with N = 6"));
   MixedModel bad = three_groups();
   bad.groups[2].values[5] = std::numeric_limits<float>::infinity();
   CHECK_THAT(message_of([&] { write_mixed_ply(folder / "n.ply", bad); }, ErrorKind::numerical),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Groups of splats drawn into one image, and the gradients that come back to each of them.
+// Tests rendering groups of splats into one image, and the gradients of each group.
 #include <catch2/catch.hpp>
 
 #include "host/api/replacement.hpp"
@@ -16,8 +16,8 @@ using namespace ubs::test;
 
 namespace {
 
-// Two groups of the splats [0, cut) and [cut, count) of a model: not a model that a file could hold, but the
-// same image to the bit as the whole.
+// Splits a model into two groups with the splats [0, cut) and [cut, count). A file could not store these
+// groups, but the image is bit-identical to that of the whole model.
 struct Halves {
   Device& device;
   std::unique_ptr<Stages> stages;
@@ -34,7 +34,7 @@ struct Halves {
 
 }  // namespace
 
-TEST_CASE("groups of one model draw its image and get its gradient to the bit", "[reduce][mixed]") {
+TEST_CASE("groups of one model give its image and gradient bit for bit", "[reduce][mixed]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device))
       for (const std::size_t cut : {std::size_t{77}, std::size_t{128}, std::size_t{199}}) {
@@ -82,8 +82,10 @@ TEST_CASE("groups of one model draw its image and get its gradient to the bit", 
       }
 }
 
-// A 6-D model of which every third splat has a direction without effect, and the same with these turned 3-D.
-TEST_CASE("splats turned 3-D where the direction has no effect draw the same image", "[reduce][mixed]") {
+// A 6-D model in which the direction has no effect on every third splat, and the same model with these splats
+// converted to 3-D.
+TEST_CASE("converting splats without directional effect to 3-D does not change the image",
+          "[reduce][mixed]") {
   for (const auto& device : devices_under_test())
     for (const RasterKind raster : rasters_of(*device)) {
       DYNAMIC_SECTION(device->info().name << (raster == RasterKind::cpu ? " cpu" : " gpu")) {
@@ -118,7 +120,8 @@ TEST_CASE("splats turned 3-D where the direction has no effect draw the same ima
           for (std::size_t i = 0; i < pixels; ++i) interleaved[3 * i + c] = expected.image[c * pixels + i];
         CHECK(max_abs_error(image.rgb, interleaved) <= 3.2e-6);  // as variant_test.cpp
 
-        // Gradients of the rows that both forms have, against the unreduced model's in float64.
+        // Compares the gradients of the rows that both forms have with those of the unreduced model in
+        // float64.
         const oracle::Gradient reference = oracle::gradient(oracle::to_model(scene.model), scene.camera,
                                                             scene.target, {.background = scene.background});
         const MixedViewGradient gradient =

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ubs reduce`, `--dim auto` and mixed files as a user meets them.
+// Tests `ubs reduce`, `--dim auto` and mixed files as users run them.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cstdlib>
@@ -15,7 +15,7 @@ using namespace ubs::test;
 using Catch::Contains;
 using nlohmann::json;
 
-TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]") {
+TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
   const json trained = json::parse(ubs_ok(folder,
@@ -54,7 +54,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
   CHECK(planned["start"]["splats"] == model.count());
   ubs_ok(folder, "bench --model r.ply --data data --run model --min-time 0 --max-time 0.1 --json b.json");
   const json timed = json::parse(get(folder / "b.json"))["devices"][0]["cases"];
-  REQUIRE(timed.size() == 1);  // drawing alone
+  REQUIRE(timed.size() == 1);  // only rendering
   CHECK(timed[0]["name"].get<std::string>().starts_with("render.model."));
   CHECK(timed[0]["median_ms"].get<double>() > 0);
   check_error(folder, "compare --devices cpu --model r.ply --data data", 2, "splats of different dimensions");
@@ -65,7 +65,7 @@ TEST_CASE("cli: train --dim auto, reduce, and what reads the result", "[reduce]"
       json::parse(ubs_ok(folder, "convert r.ply g.splat --data data --time 0.5 --json").out);
   CHECK(exported["splats"].get<std::size_t>() <= model.count());
   CHECK(exported["splats"].get<std::size_t>() > 50);
-  // Of one instant, without the direction: worse, and a picture of the scene all the same.
+  // A single time without the direction gives a lower quality, but still an image of the scene.
   CHECK(exported["psnr_after"].get<double>() > 5);
   CHECK(exported["psnr_before"].get<double>() > exported["psnr_after"].get<double>());
   for (const char* name : {"g.ply", "g.spz"}) ubs_ok(folder, fmt::format("convert r.ply {}", name));
@@ -110,18 +110,19 @@ TEST_CASE("cli: reduce keeps a number of splats, or what fits into a size", "[re
   CHECK_THAT(table.out, Contains("train PSNR [dB]") && Contains("render [ms]") && Contains("x.ply: 300 of"));
 }
 
-TEST_CASE("cli: of a model in the direct form reduce gives up splats alone, and says so", "[reduce]") {
+TEST_CASE("cli: for a model with direct conditioning, reduce only removes splats and reports this",
+          "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
   ubs_ok(folder, "train data --out run --iterations 200 --init-points 300 --cap-max 350 --quiet");
   const Result reduced = ubs_ok(folder, "reduce run data --out r.ply --bound 0.1 --quiet");
-  CHECK_THAT(reduced.err, Contains("only splats are removed here") && Contains("conditioning direct"));
+  CHECK_THAT(reduced.err, Contains("only splats are removed") && Contains("conditioning direct"));
   const MixedModel model = read_mixed_ply(folder / "r.ply");
   CHECK_FALSE(model.mixed());
   CHECK(model.count() < 350);
 }
 
-TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
+TEST_CASE("cli: reduce rejects invalid arguments", "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 16, 2, 1);
   SplatModel nothing(6, 3);
@@ -134,7 +135,7 @@ TEST_CASE("cli: reduce refuses what makes no sense", "[reduce]") {
     CHECK_THAT(result.err, Contains(reason));
     CHECK(!std::filesystem::exists(folder / "r.ply"));
   };
-  refused("--model m.ply --out r.ply --lossless", 3, "no splat would be left");
+  refused("--model m.ply --out r.ply --lossless", 3, "no splat would remain");
   refused("--model m.ply --out m.ply", 2, "this is the input m.ply");
   refused("--model m.ply --out r.ply --lossless --bound 0.1", 2, "cannot be combined");
   refused("--model none.ply --out r.ply", 3, "none.ply");

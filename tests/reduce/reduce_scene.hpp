@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parts of models, and a small scene with splats that can be given up.
+// Functions for parts of models, and a small scene with splats that can be removed.
 #pragma once
 
 #include <numeric>
@@ -23,11 +23,12 @@ inline SplatModel part(const SplatModel& model, std::size_t first, std::size_t e
   return selection(model, splats);
 }
 
-// Regular scene of 300 splats, of which i % 10 == 1 have opacity 0, i % 10 == 2 are far outside all views,
-// and of i % 10 == 3 the direction has no effect (N = 7, i % 20 == 13: the time).
+// A regular scene with 300 splats. Splats with i % 10 == 1 have an opacity of 0, those with i % 10 == 2 are
+// far outside of all views, and for i % 10 == 3 the direction has no effect (or the time, for N = 7 and i %
+// 20 == 13).
 struct ReduceScene {
   MixedModel model;
-  std::vector<Camera> cameras;  // the last one is no training view
+  std::vector<Camera> cameras;  // the last one is not a training view
   static constexpr std::size_t kTraining = 5, kEach = 30;
 
   explicit ReduceScene(int dim) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reduction of small models on every OpenCL device and rasteriser: what is lossless, what the bound says.
+// Tests the reduction of small models on every OpenCL device and rasteriser: lossless reduction, and the
+// bound of lossy reduction.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -29,7 +30,7 @@ struct Drawn {
     renderer.forward(groups.view(), view, settings(), false);
     return renderer.download();
   }
-  // A sky, which is red to one side.
+  // A sky that is red on one side.
   static RenderSettings settings() {
     RenderSettings settings{.background = {0.2f, 0.1f, 0.9f}};
     settings.sky = {0.2f, 0.1f, 0.9f};
@@ -38,8 +39,8 @@ struct Drawn {
   }
 };
 
-// One view of a model: its image, and for each pixel the sum of T alpha over the splats marked in `changed`
-// and the light that is left. The colours of the records range from `low` to `high`.
+// One view of a model: the image, and for each pixel the sum of T alpha over the splats that are marked in
+// `changed`, and the remaining light. The colours of the records range from `low` to `high`.
 struct MarkedView {
   std::vector<float> image, changed, left;
   float low = 0, high = 0;
@@ -74,18 +75,18 @@ struct ChangeOfViews {
   std::size_t beyond = 0;          // values that change by more than their bound
 };
 
-// How the views change, and a bound on it for each pixel.
+// The change of the views, and its bound for each pixel.
 //
-// Let T_j be the light left in front of splat j at a pixel, a_j its alpha, c_j its colour, B_j the colour of
-// all that lies behind it. Taking j away changes the pixel by T_j a_j (B_j - c_j). Done from back to front,
-// no step changes the T of a later one, and B_j stays a mean of colours of splats and background. With G
-// their range and D = sum T_j a_j over the splats that go, the pixel changes by at most G D. A splat that was
-// turned into one of fewer dimensions is taken away (D of the model before) and put back (D of the model
-// after). Where either image's pixel is finished, the other one may go on with what was left, T_stop <= 0.1:
-// then at most G (2 D + T_stop).
+// Let T_j be the light that remains in front of splat j at a pixel, a_j its alpha, c_j its colour, and B_j
+// the colour of everything behind it. Removing j changes the pixel by T_j a_j (B_j - c_j). If splats are
+// removed from back to front, no step changes T of a later one, and B_j remains a mean of colours of splats
+// and background. With their range G, and D = sum T_j a_j over the removed splats, the pixel changes by at
+// most G D. A splat with reduced dimensions is first removed (D of the model before) and then added (D of the
+// model after). If blending stops at the pixel in one of the images, it may continue in the other one with
+// the remaining light T_stop <= 0.1. Then the change is at most G (2 D + T_stop).
 ChangeOfViews change_of(Device& device, const KernelConfig& config, const ReduceScene& scene, Drawn& before,
                         const Reduced& reduced) {
-  constexpr double kRounding = 1e-5;  // of float32, in both images
+  constexpr double kRounding = 1e-5;  // rounding of float32, in both images
   constexpr float kSky = 0.6308f;     // largest value of the sky's harmonic, whose coefficient is 1
   Drawn after(device, reduced.model, config, scene.cameras);
   std::vector<bool> gone(reduced.new_index.size()), come(reduced.model.count());
@@ -151,8 +152,8 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
     Drawn after(device, reduced.model, config, scene.cameras);
     for (std::uint32_t v = 0; v < ReduceScene::kTraining; ++v) {
       const RenderedView a = before.draw(v), b = after.draw(v);
-      // 7-D splats without time become 6-D: their query factors have other pivots, which round differently.
-      // On a card (H200, CUDA) the kernels of N = 3 and of N = 6 round differently too.
+      // 7-D splats without time become 6-D. The pivots of their query factors differ, so they round
+      // differently. On a card (H200, CUDA) the kernels for N = 3 and N = 6 also round differently.
       const bool real_card = device.info().type == DeviceType::gpu && !on_host(device);
       const bool keeps_bits = config.dim < 7 && !real_card;
       CHECK((!keeps_bits || (a.rgb == b.rgb && a.alpha == b.alpha)));
@@ -161,7 +162,7 @@ TEST_CASE("lossless reduction keeps the bits of the training views", "[reduce]")
         worst = std::max(worst, std::abs(static_cast<double>(a.rgb[i]) - static_cast<double>(b.rgb[i])));
       CHECK(worst <= 3.6e-7);  // observed on PoCL: N = 6: 0, N = 7: 1.8e-7
     }
-    // Each of the splats that stay does change an image.
+    // Each of the remaining splats must have an effect on an image.
     for (std::size_t i = 0; i < scene.model.count(); ++i)
       CHECK((reduced.new_index[i] == kGone) == (contributions.most[i] == 0));
   });
@@ -189,7 +190,8 @@ TEST_CASE("lossy reduction stays within its bound on all views", "[reduce][openc
     CHECK(turned.dropped == 0);
     CHECK(turned.turned_count > 0);
     CHECK(turned.model.count() == scene.model.count());
-    // A bound that does not know of the turned splats does not hold: the check is able to fail.
+    // A bound that ignores the splats with reduced dimensions must be violated, which shows that the check
+    // can fail.
     Reduced unaware = turned;
     std::ranges::fill(unaware.turned, std::uint8_t{0});
     CHECK(change_of(device, config, scene, before, unaware).beyond > 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parameters of a spatial covariance (host/api/skew_rotation.hpp).
+// Tests the parameters of a spatial covariance (host/api/skew_rotation.hpp).
 #include "host/api/skew_rotation.hpp"
 
 #include <algorithm>
@@ -23,7 +23,7 @@ Mat3 covariance_of(const SkewFactors& f) {
 
 }  // namespace
 
-TEST_CASE("skew rotation: covariances are met, or the misfit is what is reported", "[reduce]") {
+TEST_CASE("skew rotation: covariances are reproduced, or the reported error is correct", "[reduce]") {
   const CounterRandom random(3, 7);
   int inexact = 0;
   double worst = 0, worst_exact = 0;
@@ -42,7 +42,8 @@ TEST_CASE("skew rotation: covariances are met, or the misfit is what is reported
       worst_exact = std::max(worst_exact, difference);
     }
   }
-  // method.md 2.1: 9% of ellipsoids with log scales of deviation 1 have no such form, worst misfit 0.55.
+  // As stated in method.md 2.1, 9 % of ellipsoids whose log scales have a standard deviation of 1 have no
+  // such form, with an error of at most 0.55.
   CHECK(inexact > kCount * 0.03);
   CHECK(inexact < kCount * 0.14);
   CHECK(worst < 1.1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exposure and white balance of a photograph in double: y = (diag(exp d) + M) x + b, with M zero on its
-// diagonal. The derivative is taken by the tape.
+// Exposure and white balance of a photograph in double precision: y = (diag(exp d) + M) x + b, where the
+// diagonal of M is 0. The tape computes the derivative.
 #pragma once
 
 #include <array>
@@ -30,7 +30,7 @@ std::array<S, 3> balanced(const ColourBalance<S>& balance, const std::array<S, 3
   return out;
 }
 
-// Rows of four: three factors, of which the diagonal one is the logarithm of a gain, and the offset.
+// Rows of four numbers: three factors, of which the diagonal one is the logarithm of a gain, and an offset.
 template <typename S>
 ColourBalance<S> balance_of(std::span<const S, 12> rows) {
   ColourBalance<S> b;
@@ -59,7 +59,7 @@ struct BalanceGradient {
   std::vector<double> image;
 };
 
-// From the gradient with respect to the balanced image.
+// Computes the gradients from the gradient with respect to the balanced image.
 inline BalanceGradient balance_gradient(std::span<const double, 12> rows, std::span<const double> image,
                                         std::span<const double> v_balanced) {
   const std::size_t pixels = image.size() / 3;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// 3D Gaussian splatting in double precision, straight from its published definition and the columns of its
-// files: nothing of the method's own formulas, kernels or readers is used. Brute force: every splat at every
-// pixel. A splat ends where its alpha is below 1/255. The near plane is an argument.
+// 3D Gaussian Splatting in double precision, implemented from its published definition and the columns of its
+// files, without the formulas, kernels or readers of ubs. Uses brute force: every splat at every pixel. A
+// splat ends where its alpha is below 1/255. The near plane is an argument.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace ubs::oracle {
 
-// The columns of a 3DGS file, as they stand there.
+// The columns of a 3DGS file in the order of the file.
 struct FileGaussian {
   std::array<float, 3> position, log_scale;
   std::array<float, 4> rotation;  // w x y z, of any length
@@ -26,7 +26,7 @@ struct FileGaussian {
 struct GaussianImage {
   std::vector<double> rgb;  // (height, width, 3)
   std::vector<bool>
-      knife_edge;  // (height, width): a cut lies within 1e-3 of a value, single precision may differ
+      knife_edge;  // (height, width): a value is within 1e-3 of a threshold, so single precision may differ
 };
 
 // Real harmonic number k = l l + l + m from the complex one: sqrt 2 |Y_lm| cos(m phi) or sin(|m| phi), with
@@ -49,7 +49,7 @@ inline std::array<double, 3> turned(const std::array<double, 9>& r, const std::a
           r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
 }
 
-// q v q*, by quaternion products.
+// Returns q v q*, computed by quaternion products.
 inline std::array<double, 3> rotated(std::array<double, 4> q, const std::array<double, 3>& v) {
   const double n = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   for (double& e : q) e /= n;
@@ -72,7 +72,7 @@ inline Footprint footprint(const FileGaussian& g, const Camera& camera) {
   f.y = camera.fy * p[1] / p[2] + camera.cy;
   f.opacity = 1 / (1 + std::exp(-static_cast<double>(g.opacity)));
 
-  // The image of each axis of the ellipsoid under the linearised projection; their outer products add up.
+  // Projects each axis of the ellipsoid with the linearised projection, and sums their outer products.
   double xx = 0.3, xy = 0, yy = 0.3;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     std::array<double, 3> v{};

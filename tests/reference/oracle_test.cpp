@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle checks itself: its gradient against central differences of its own loss, and its formulas
-// against closed forms, limits and a second evaluation. It uses no production code beyond the parameter
+// Tests the oracle itself: compares its gradient with central differences of its own loss, and its formulas
+// with closed forms, limits and a second evaluation. The test uses no production code except the parameter
 // layout.
 #include "host/lab/oracle/oracle.hpp"
 
@@ -41,8 +41,8 @@ std::vector<double> group_values(const std::vector<double>& values, const Parame
           values.begin() + static_cast<std::ptrdiff_t>((group.first + group.count) * count)};
 }
 
-// The image plus an offset of at least 0.05 in smooth patches of both signs: no |.| changes sign under a
-// small step.
+// Returns the image plus an offset of at least 0.05 in smooth patches of both signs, so that no argument of
+// |.| changes its sign for a small step.
 std::vector<double> target_away_from(const std::vector<double>& image) {
   std::vector<double> target = image;
   for (std::size_t i = 0; i < target.size(); ++i) {
@@ -52,9 +52,9 @@ std::vector<double> target_away_from(const std::vector<double>& image) {
   return target;
 }
 
-// Five-point rule. The step balances rounding of the loss against the steep rim of kernels with beta < 1,
-// where the plain two-point rule at the same step still errs by 3e-5 (observed, falling with the square of
-// the step).
+// Uses the five-point rule. The step is a compromise between rounding of the loss and the steep rim of
+// kernels with beta < 1, where the two-point rule with the same step still has an error of 3e-5 (observed; it
+// decreases with the square of the step).
 std::vector<double> central_differences(Model model, const Camera& camera, const std::vector<double>& target,
                                         const Options& options, const ParameterGroup& group) {
   constexpr double kStep = 1e-5;
@@ -73,7 +73,7 @@ std::vector<double> central_differences(Model model, const Camera& camera, const
   return result;
 }
 
-// Relative 2-norm error of every parameter group; empty groups (query means of N=3) are left out.
+// Returns the relative 2-norm error of every parameter group, without empty groups (query means of N = 3).
 std::map<std::string, double> gradient_errors(const Scene& scene, const Options& options) {
   const Model model = to_model(scene.model);
   const std::vector<double> target = target_away_from(render(model, scene.camera, options).image);
@@ -106,7 +106,7 @@ double max_difference(const Matrix<double>& a, const Matrix<double>& b) {
 
 }  // namespace
 
-TEST_CASE("oracle rows are the rows of the product", "[oracle]") {
+TEST_CASE("the rows of the oracle are those of the program", "[oracle]") {
   for (int dim = 3; dim <= 11; ++dim) {
     const Rows rows(dim);
     const ParameterLayout layout(dim);
@@ -118,12 +118,13 @@ TEST_CASE("oracle rows are the rows of the product", "[oracle]") {
   }
 }
 
-// 22 splats: one that saturates, one below the tanh floor and one beyond the projection limit are among them.
+// 22 splats, including one that saturates, one below the floor of tanh, and one beyond the limit of the
+// projection.
 TEST_CASE("oracle gradient equals central differences in every group (checklist 2, 6, 7)", "[oracle]") {
   for (int dim : {3, 4, 6, 7, 11}) {
     const Scene scene = regular_scene({22, dim, 7, 16, 12});
     Options options = options_of(scene);
-    options.query_grad = true;  // the loss of a moved splat sees the moved direction
+    options.query_grad = true;  // moving a splat also changes the view direction in the loss
     for (const auto& [name, error] : gradient_errors(scene, options)) {
       CAPTURE(dim, name);
       CHECK(error < 5e-8);  // worst observed 2.4e-8: l_triangle, N=11, g++ 12 -O2
@@ -175,7 +176,7 @@ TEST_CASE("the query gradient only adds the projected direction term to the posi
   }
 }
 
-TEST_CASE("regular scenes exercise what they promise", "[oracle]") {
+TEST_CASE("regular scenes contain the documented cases", "[oracle]") {
   for (int dim : {3, 4, 6, 7, 11}) {
     CAPTURE(dim);
     const Scene scene = regular_scene({200, dim, 1, 64, 48});
@@ -256,7 +257,7 @@ TEST_CASE("b = 0 gives the Schur complement (checklist 3)", "[oracle]") {
   }
 }
 
-TEST_CASE("without coupling and at the query mean N reduces to 3 (checklist 4)", "[oracle]") {
+TEST_CASE("without coupling and at the query mean, all N reduce to 3 (checklist 4)", "[oracle]") {
   for (int dim : {4, 6, 7}) {
     const Scene scene = regular_scene({10, dim, 2, 32, 24});
     Model model = to_model(scene.model), flat{3, model.count, {}};
@@ -327,7 +328,7 @@ TEST_CASE("early stop and background (checklist 6)", "[oracle]") {
   const Render image = render(model, scene.camera, options);
   const double most = *std::max_element(image.alpha.begin(), image.alpha.end());
   CHECK(most > 0.998);
-  CHECK(most < 1 - 1e-4);  // the splat that would reach the limit is left out
+  CHECK(most < 1 - 1e-4);  // the splat that would reach the limit is skipped
 
   int stopped = 0;
   for (std::size_t i = 0; i < image.alpha.size(); ++i) {
@@ -341,7 +342,7 @@ TEST_CASE("early stop and background (checklist 6)", "[oracle]") {
   }
   CHECK(stopped > 5);
 
-  // Background enters with the final transmittance, exactly linearly.
+  // The image is exactly linear in the background, with the final transmittance as the factor.
   Options white = options;
   for (double& b : white.background) b += 1;
   const Render bright = render(model, scene.camera, white);
@@ -381,7 +382,7 @@ TEST_CASE("an isotropic splat has the closed form of its pinhole image", "[oracl
 
 // fx = 50, W = 40, cx = 17.5: margin 0.12, so x/z is limited to [-0.47, 0.57]; y: margin 0.075, [-17/60,
 // 22/60].
-TEST_CASE("the projection is linearised no further out than 1.3 half fields of view", "[oracle]") {
+TEST_CASE("the projection is linearised at no more than 1.3 half fields of view", "[oracle]") {
   Camera camera;
   camera.width = 40, camera.height = 30;
   camera.fx = 50, camera.fy = 60, camera.cx = 17.5, camera.cy = 12.5;
@@ -412,7 +413,7 @@ TEST_CASE("culls: near, far, indefinite, non-finite", "[oracle]") {
   options.near_plane = 0.01, options.far_plane = z - 1e-9;
   CHECK(render(model, scene.camera, options).visible == 0);
   options = options_of(scene);
-  options.eps2d = -1e4;  // B negative definite: det > 0, only B00 and B11 tell
+  options.eps2d = -1e4;  // B is negative definite: det > 0, so only B00 and B11 show it
   CHECK(render(model, scene.camera, options).visible == 0);
   for (int row : {0, 3, 6, 7, 12, 15, 20, 30}) {
     Model broken = model;
@@ -436,7 +437,7 @@ TEST_CASE("the projected covariance takes the upper triangle of an asymmetric V"
   CHECK(asymmetry > 1e-4);
 }
 
-TEST_CASE("a saturated alpha carries no gradient but its colour does", "[oracle]") {
+TEST_CASE("a saturated alpha has no gradient, but its colour has", "[oracle]") {
   Tape tape;
   Footprint<Var> f;
   f.opacity = Var::input(tape, 0.99995), f.beta = Var::input(tape, 0.1);
@@ -469,14 +470,15 @@ TEST_CASE("ssim value and gradient (checklist 8)", "[oracle]") {
   CHECK(value < 0.9);
   CHECK(value == Approx(ssim(b, a, 3, h, w)).epsilon(1e-13));
 
-  // A single pixel sees only the centre weight: closed form with the printed weight 0.266011715.
+  // For a single pixel, only the centre weight matters, which gives a closed form with the printed weight
+  // 0.266011715.
   const double centre = 0.266011715 * 0.266011715, p = 0.7, q = 0.4;
   const double mp = centre * p, mq = centre * q;
   const double single =
       (2 * mp * mq + 1e-4) * (2 * (centre * p * q - mp * mq) + 9e-4) /
       ((mp * mp + mq * mq + 1e-4) * (centre * p * p - mp * mp + centre * q * q - mq * mq + 9e-4));
   CHECK(ssim(std::vector<double>{p}, std::vector<double>{q}, 1, 1, 1) ==
-        Approx(single).epsilon(4.6e-9));  // observed 2.3e-9: digits of the weight
+        Approx(single).epsilon(4.6e-9));  // observed 2.3e-9, due to the number of digits of the weight
 
   std::vector<double> moved = a, differences;
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -489,7 +491,7 @@ TEST_CASE("ssim value and gradient (checklist 8)", "[oracle]") {
   CHECK(relative_error(ssim_gradient(a, b, 3, h, w), differences) < 4.6e-9);  // observed 2.3e-9
 }
 
-TEST_CASE("an exact image has no L1 gradient", "[oracle]") {
+TEST_CASE("an image that equals the target has no L1 gradient", "[oracle]") {
   const Scene scene = regular_scene({10, 6, 1, 24, 18});
   const Model model = to_model(scene.model);
   Options options = options_of(scene);
@@ -522,7 +524,8 @@ TEST_CASE("stiff scenes", "[oracle]") {
     const Render in_order = render(flat, flat_scene.camera, options_of(flat_scene));
     for (std::size_t i = 0; i < in_order.depth.size(); ++i)
       CHECK((in_order.alpha[i] < 1e-6 || in_order.depth[i] == Approx(3).epsilon(1e-12)));
-    for (int r = 0; r < Rows(dim).count; ++r)  // ties go by index, so the reversed model looks different
+    for (int r = 0; r < Rows(dim).count;
+         ++r)  // equal depths are ordered by index, so the reversed model looks different
       std::reverse(flat.values.begin() + static_cast<std::ptrdiff_t>(r * flat.count),
                    flat.values.begin() + static_cast<std::ptrdiff_t>((r + 1) * flat.count));
     CHECK(relative_error(render(flat, flat_scene.camera, options_of(flat_scene)).image, in_order.image) >

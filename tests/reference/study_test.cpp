@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle's clamps, and what it says about pixels at which rounding decides.
+// Tests the clamps of the oracle, and how it classifies pixels whose value depends on rounding.
 #include "host/lab/oracle/study.hpp"
 
 #include <catch2/catch.hpp>
@@ -11,7 +11,7 @@
 namespace ubs::oracle {
 namespace {
 
-// One splat in front of a camera at the origin; raw scales above 20 are their own softplus.
+// One splat in front of a camera at the origin. For raw scales above 20, softplus is the identity.
 struct One {
   explicit One(int dim) : rows(dim) {
     model.dim = dim, model.count = 1;
@@ -37,7 +37,8 @@ struct One {
   Options options;
 };
 
-TEST_CASE("a query scale is lifted to a part of its row, a row of zeros is reported", "[oracle][study]") {
+TEST_CASE("a query scale is raised to a fraction of its row, and a row of zeros is reported",
+          "[oracle][study]") {
   One one(5);
   one.camera.extra = {0.25};
   one.camera.time = 1e-9;
@@ -75,7 +76,7 @@ TEST_CASE("clamped parameters have the derivative of the clamped function", "[or
     CHECK(tape.adjoint(raw[rows.triangle + 3 + k].node()) == Approx(least_query_scale({}) / std::sqrt(3.0)));
 }
 
-TEST_CASE("a spatial scale far below the largest is a part of it", "[oracle][study]") {
+TEST_CASE("a spatial scale far below the largest is raised to a fraction of it", "[oracle][study]") {
   Tape tape;
   const Rows rows(3);
   std::vector<Var> raw;
@@ -104,17 +105,17 @@ TEST_CASE("the factor of the query rows is that of a Cholesky factorisation", "[
   CHECK_FALSE(lq.floored);
 }
 
-TEST_CASE("without its floor the tanh factor ends at u = 1e4", "[oracle][study]") {
+TEST_CASE("without its floor, the tanh factor is limited at u = 1e4", "[oracle][study]") {
   CHECK(log_query_factor<double>(1e3, false) == Approx(std::log(2.0) - 2e4));
   CHECK(log_query_factor<double>(50, false) == Approx(std::log(2.0) - 5000));
   CHECK(log_query_factor<double>(1e3, true) == Approx(-23 * std::log(2.0)));
 }
 
-TEST_CASE("a short quaternion tends to no rotation", "[oracle][study]") {
+TEST_CASE("a short quaternion tends to the identity rotation", "[oracle][study]") {
   const Matrix<double> r = quaternion_rotation<double>({0.0, 0.0, 0.0, 0.0});
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) CHECK(r(i, j) == (i == j ? 1.0 : 0.0));
-  // At the length where the two definitions meet they agree.
+  // At the length where they meet, the two definitions agree.
   const double half = 0.5e-12;
   const Matrix<double> below = quaternion_rotation<double>({half, half, half, half * (1 - 1e-12)});
   const Matrix<double> above = quaternion_rotation<double>({half, half, half, half * (1 + 1e-9)});
@@ -122,21 +123,21 @@ TEST_CASE("a short quaternion tends to no rotation", "[oracle][study]") {
     for (int j = 0; j < 3; ++j) CHECK(below(i, j) == Approx(above(i, j)).margin(1e-8));
 }
 
-TEST_CASE("pixels on the rim are undecided, unless thresholds are said to be exact", "[oracle][study]") {
+TEST_CASE("pixels on the rim are undecided, unless thresholds are declared exact", "[oracle][study]") {
   One one(3);  // radius exactly 2 px around a pixel centre: four centres have r = 1
   one.at(one.rows.beta) = -3;
   const Study s = one.study();
   CHECK(s.undecided_pixels == 4);
   CHECK(s.undecided[12 * 25 + 14] == 1);
   CHECK(one.study(0).undecided_pixels == 0);
-  one.at(one.rows.beta) = 2;  // falls to nothing at the rim: nobody sees on which side a pixel is
+  one.at(one.rows.beta) = 2;  // falls to 0 at the rim, so the side of the pixel does not matter
   CHECK(one.study().undecided_pixels == 0);
 }
 
 TEST_CASE("undecided pixels carry no gradient", "[oracle][study]") {
   One one(3);
   one.at(one.rows.beta) = -3;
-  for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // a touch inside
+  for (int i = 0; i < 3; ++i) one.at(one.rows.scale + i) *= 1 + 1e-9;  // slightly inside
   const std::vector<double> weights(3 * 25 * 25, 1.0);
   const std::vector<double> all = weighted_gradient(one.model, one.camera, weights, one.options);
   const Study s = one.study();
@@ -144,7 +145,7 @@ TEST_CASE("undecided pixels carry no gradient", "[oracle][study]") {
   CHECK(one.study(0).gradient == all);
 }
 
-TEST_CASE("a cap that rounding decides makes a pixel undecided", "[oracle][study]") {
+TEST_CASE("a pixel is undecided if rounding determines whether alpha is limited", "[oracle][study]") {
   One one(3);
   one.at(one.rows.opacity) = std::log(0.999 / 0.001);  // alpha = 0.999 at the centre
   CHECK(one.study().undecided[12 * 25 + 12] == 1);
@@ -163,7 +164,7 @@ TEST_CASE("splats at the near plane are undecided within rounding only", "[oracl
   CHECK(culled.culled[0] == 1);
 }
 
-TEST_CASE("nearly equal depths leave open which splat is in front, equal ones do not", "[oracle][study]") {
+TEST_CASE("nearly equal depths make the order of splats undecided, equal depths do not", "[oracle][study]") {
   const auto undecided = [](double shift) {
     One one(3);
     Model two = one.model;

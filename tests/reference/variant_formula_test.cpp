@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle's variant formulas against what defines them: orthonormal harmonics, orthogonal rotations.
+// Compares the variant formulas of the oracle with their defining properties: orthonormal harmonics and
+// orthogonal rotations.
 #include "host/lab/oracle/variant_formula.hpp"
 
 #include <catch2/catch.hpp>
@@ -51,7 +52,7 @@ TEST_CASE("Cayley, exponential and quaternion rotations are orthogonal and agree
       const Matrix<double> r = skew_rotation(a, mode);
       CHECK(distance(r * r.transposed(), one) < 1e-12);
     }
-    // exp(A) turns by |omega| about omega = (-a2, a1, -a0).
+    // exp(A) rotates by |omega| about omega = (-a2, a1, -a0).
     const double omega[3] = {-a(1, 2), a(0, 2), -a(0, 1)};
     const double angle = std::hypot(omega[0], omega[1], omega[2]);
     const double s = std::sin(angle / 2) / angle;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parts of pages: escaping, data in script elements, histograms, pictures as data URIs.
+// Tests parts of pages: escaping, data in script elements, histograms, and images as data URIs.
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -26,13 +26,13 @@ cv::Mat decoded(const std::string& uri) {
 
 }  // namespace
 
-TEST_CASE("html: text is escaped, and the checker of pages can fail", "[report]") {
+TEST_CASE("html: text is escaped, and the checker of pages detects errors", "[report]") {
   CHECK(escape_html("<a href=\"x\">'&amp;'</a>") ==
         "&lt;a href=&quot;x&quot;&gt;&#39;&amp;amp;&#39;&lt;/a&gt;");
   CHECK(escape_html("gr\xc3\xbc\xc3\x9f \xf0\x9f\x8e\x89\t\n") == "gr\xc3\xbc\xc3\x9f \xf0\x9f\x8e\x89\t\n");
   CHECK(escape_html("a\xff"
                     "b\x01\x7f") == "a\\xffb\\x01\\x7f");
-  CHECK(escape_html("\xc3") == "\\xc3");                    // cut off
+  CHECK(escape_html("\xc3") == "\\xc3");                    // truncated
   CHECK(escape_html("\xc0\xbc") == "\\xc0\\xbc");           // an overlong <
   CHECK(escape_html("\xed\xa0\x80") == "\\xed\\xa0\\x80");  // a surrogate
   CHECK(escape_html("\xf4\x90\x80\x80") == "\\xf4\\x90\\x80\\x80");
@@ -58,7 +58,7 @@ TEST_CASE("html: pages with hostile titles and data", "[report]") {
         Json::object({{data, data}}));
 }
 
-TEST_CASE("report page: style and script are whole, with the licence of Chart.js, and write no markup",
+TEST_CASE("report page: style and script are complete, include the licence of Chart.js, and write no markup",
           "[report]") {
   const std::string style = report_style().text, script = report_script().text;
   for (const std::string& text : {style, script}) CHECK_THAT(text, !Contains("</"));
@@ -68,7 +68,7 @@ TEST_CASE("report page: style and script are whole, with the licence of Chart.js
     CHECK_THAT(script, !Contains(name));
 }
 
-TEST_CASE("histogram: shares, edges and what is outside", "[report]") {
+TEST_CASE("histogram: shares, edges and values outside", "[report]") {
   const Bins bins = make_bins(0.0, 1.0, 4);
   CHECK(bins.edges == std::vector<double>{0, 0.25, 0.5, 0.75, 1});
   const std::vector<double> values{0, 0.2, 0.25, 0.5, 1, -1, 7, kNan, 0.3, 0.3};
@@ -105,7 +105,7 @@ TEST_CASE("histogram: shares, edges and what is outside", "[report]") {
     }
 }
 
-TEST_CASE("page picture: data URIs hold the pixels", "[report]") {
+TEST_CASE("page picture: data URIs contain the pixels", "[report]") {
   const auto encoded = [](const std::string& text) {
     return base64({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   };
@@ -156,7 +156,7 @@ TEST_CASE("page picture: error, depth and alpha", "[report]") {
   const std::vector<float> depth{2, 6, 100, 4}, alpha{1, 0.9f, 0.1f, 1};
   const ValueRange range = depth_range(depth, alpha);
   CHECK(range.low == 2);
-  CHECK(range.high == 6);  // the pixel that is hardly covered does not count
+  CHECK(range.high == 6);  // the nearly transparent pixel is ignored
   const Image8 picture = depth_image(depth, alpha, 4, 1, range);
   CHECK(sum(picture, 0) > sum(picture, 3));
   CHECK(sum(picture, 3) > sum(picture, 1));
@@ -167,7 +167,8 @@ TEST_CASE("page picture: error, depth and alpha", "[report]") {
   CHECK(grey_image(std::vector<float>{0, 0.5f, 2, nan}, 4, 1).rgb ==
         std::vector<std::uint8_t>{0, 0, 0, 128, 128, 128, 255, 255, 255, 0, 0, 0});
 
-  // Channels of mse (1/255)^2, (2/255)^2, (4/255)^2: the mean of the three, not of the mse.
+  // The channels have an mse of (1/255)^2, (2/255)^2 and (4/255)^2. The PSNR is the mean of the three values,
+  // not that of the mean mse.
   const double expected = 20 * std::log10(255.0) - 20 * std::log10(1.0 * 2 * 4) / 3;
   CHECK(psnr_channel_mean(Image8{1, 1, {10, 10, 10}}, Image8{1, 1, {11, 8, 14}}) == Approx(expected));
   CHECK(std::isinf(psnr_channel_mean(flat(3), flat(3))));

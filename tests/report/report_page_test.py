@@ -64,7 +64,8 @@ def one_run(page, folder, run):
     names = texts(page, "#measurements tbody th")
     assert metrics["test"]["views"][0]["name"] in names and "raster_backward" in names, names
 
-    # Charts show values under the pointer, and change their axis. The pointer does not wait for smooth scrolling.
+    # Charts show values under the pointer, and their axis can be changed. Smooth scrolling is disabled, because the
+    # pointer does not wait for it.
     page.run("document.documentElement.style.scrollBehavior = 'auto'")
     page.run("document.getElementById('curves').scrollIntoView()")
     chart = "Chart.getChart(document.querySelector('.plot canvas'))"
@@ -79,10 +80,10 @@ def one_run(page, folder, run):
     page.run("document.querySelectorAll('.choice button')[1].click()")
     assert page.run(f"{chart}.options.scales.x.title.text") == "seconds of training"
 
-    # Pictures of a set are enlarged together.
+    # Images of a set are enlarged together.
     page.run("document.querySelector('.pane').scrollIntoView({block: 'center'})")
     x, y = page.run("(b => [b.left + 20, b.top + 20])(document.querySelector('.pane').getBoundingClientRect())")
-    time.sleep(0.2)  # the page stands still
+    time.sleep(0.2)  # the page does not scroll
     page.mouse("mouseMoved", x, y)
     page.mouse("mouseMoved", x + 5, y + 5)
     page.mouse("mouseWheel", x + 5, y + 5, deltaX=0, deltaY=-400)
@@ -120,7 +121,7 @@ def two_sizes(page, folder, run, half):
     assert "different" not in seconds[0], seconds
 
 
-# Values of other types than ours, as other versions might write.
+# Values of unexpected types, as other versions might write.
 def damaged(page, folder, run):
     metrics = {"test": {"mean": [], "views": [5, {"name": "a"}]}, "device": 3, "minutes": {"stages": {"a": "b"}},
                "data_report": {"notes": 1, "skipped": [2]}, "chosen": {}, "seconds": "__proto__", "constructor": {}}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a report reads of runs: folders with files missing, cut off or of another version; activated values of
-// models; pictures that a run has saved.
+// Tests how a report reads runs: folders with missing or truncated files or files of another version,
+// activated values of models, and images that a run has saved.
 #include "host/look/report/run_record.hpp"
 
 #include <cmath>
@@ -34,7 +34,7 @@ TEST_CASE("run record: logs of any state", "[report]") {
   const Json log = parse_log(
       "iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1.5,,120,21.5,0.9\n30,2.",
       "log.csv",
-      remarks);  // killed while it wrote
+      remarks);  // killed while writing
   CHECK(log == Json{{"iteration", {10.0, 20.0}},
                     {"seconds", {0.5, 1.5}},
                     {"loss", {0.25, nullptr}},
@@ -68,7 +68,7 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK_THAT(message_of([&] { read_run(folder / "file"); }), Contains("not a folder"));
   CHECK_THAT(message_of([&] { read_run(folder.path()); }), Contains("not an output folder of 'ubs train'"));
 
-  // Killed at once: a log and the settings, one of which this version does not know.
+  // Killed immediately: there are a log and the settings, one of which is unknown to this version.
   put(folder / "run" / "log.csv", "iteration,loss\n1,0.5\n");
   put(folder / "run" / "config.yaml", "dim: 4\nbackground: [1, 0.50, 0]\nof_tomorrow: yes\n");
   const RunRecord run = read_run((folder / "run").string() + "/");
@@ -99,10 +99,10 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: malformed JSON"));
 }
 
-TEST_CASE("splat values: activated, by what the model has", "[report]") {
+TEST_CASE("splat values: activated, according to the form of the model", "[report]") {
   SplatModel model(7, 2);
   const ParameterLayout l = model.layout();
-  model.row(l.opacity)[0] = -800;  // no overflow on the way
+  model.row(l.opacity)[0] = -800;  // no overflow in between
   model.row(l.query_beta + 1)[0] = std::log(0.5f);
   model.row(l.query_beta + 3)[1] = std::log(2.0f);
   model.row(l.scale + 6)[1] = 50;
@@ -164,7 +164,7 @@ TEST_CASE("run drawings: saved pictures and spacing", "[report]") {
   CHECK(saved_renders(folder / "none", 3, remarks).empty());
 }
 
-TEST_CASE("circling camera: looks at the middle of the model from outside", "[report]") {
+TEST_CASE("circling camera: looks at the centre of the model from outside", "[report]") {
   SplatModel model(3, 101);
   for (std::size_t i = 0; i < 101; ++i) {
     model.row(0)[i] = 10 + std::cos(static_cast<float>(i));
@@ -180,7 +180,8 @@ TEST_CASE("circling camera: looks at the middle of the model from outside", "[re
   const auto middle = to_camera({10, -5, 0});
   CHECK(middle[0] / middle[2] == Approx(0).margin(0.03));
   CHECK(middle[1] / middle[2] == Approx(0).margin(0.03));
-  // A ring: sqrt(1.05^2 / tan(45 deg / 2)^2 + cos(25 deg)^2), within 0.3 % of what twelve azimuths see.
+  // For a ring, the distance is sqrt(1.05^2 / tan(45 deg / 2)^2 + cos(25 deg)^2), to within 0.3 %, as twelve
+  // azimuths are tested.
   CHECK(middle[2] == Approx(2.692).epsilon(0.006));
   CHECK(camera.time == 0.5);
   CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // up is up: y points down

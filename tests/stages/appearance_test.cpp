@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exposure and white balance in stage ImageLoss, and stage AppearanceStep, on every device, against doubles.
+// Compares exposure and white balance in the stage ImageLoss, and the stage AppearanceStep, on every device
+// with double precision.
 #include "tests/reference/appearance.hpp"
 
 #include <algorithm>
@@ -45,7 +46,7 @@ struct Result {
   std::vector<float> sums, v_image, v_numbers;  // v_image (3, height, width)
 };
 
-// numbers empty: the image as it is.
+// If `numbers` is empty, the image is not changed.
 Result run(Device& device, Stages& stages, const Pictures& p, const std::vector<float>& numbers) {
   const ImageShape shape{p.width, p.height};
   const auto pixels = static_cast<std::size_t>(p.width * p.height);
@@ -54,7 +55,7 @@ Result run(Device& device, Stages& stages, const Pictures& p, const std::vector<
            i % pixels / static_cast<std::size_t>(p.width) * static_cast<std::size_t>(shape.pitch()) +
            i % static_cast<std::size_t>(p.width);
   };
-  std::vector<float> padded(3 * shape.plane(), kNan);  // by contract undefined beside the image
+  std::vector<float> padded(3 * shape.plane(), kNan);  // undefined outside of the image
   for (std::size_t i = 0; i < 3 * pixels; ++i) padded[place(i)] = p.image[i];
   Buffer<float> image(device, "image", padded.size()), v_image(device, "gradient", padded.size()),
       target(device, "target", p.target.size()), sums(device, "sums", 8), values(device, "numbers", 15),
@@ -84,7 +85,7 @@ Result run(Device& device, Stages& stages, const Pictures& p, const std::vector<
   return r;
 }
 
-// Largest difference over largest value.
+// Returns the largest difference divided by the largest value.
 template <typename A, typename B>
 double error(const A& got, const B& want) {
   double worst = 0, largest = 0;
@@ -97,7 +98,8 @@ double error(const A& got, const B& want) {
   return worst / largest;
 }
 
-// Twice the worst seen on PoCL, either kind of kernel: 5.8e-6, 1.5e-7, 6.3e-8.
+// Bounds: twice the largest errors observed on PoCL with both kinds of kernels, which are 5.8e-6, 1.5e-7 and
+// 6.3e-8.
 constexpr double kImageError = 1.2e-5, kNumbersError = 3e-7, kStepError = 1.3e-7;
 
 const std::vector<float> kFloats(kBalance.begin(), kBalance.end());
@@ -115,8 +117,8 @@ TEST_CASE("appearance: gradients of the image and of the numbers match the oracl
       const std::vector<double> image(p.image.begin(), p.image.end()),
           target(p.target.begin(), p.target.end());
       const std::vector<double> seen = oracle::balanced_image(rows, image);
-      const oracle::BalanceGradient want =
-          oracle::balance_gradient(rows, image, oracle::image_gradient(seen, target, width, height, loss_weights(0.2f)));
+      const oracle::BalanceGradient want = oracle::balance_gradient(
+          rows, image, oracle::image_gradient(seen, target, width, height, loss_weights(0.2f)));
       const Result got = run(device, stages, p, kFloats);
       double l1 = 0;
       for (std::size_t i = 0; i < seen.size(); ++i)
@@ -129,8 +131,8 @@ TEST_CASE("appearance: gradients of the image and of the numbers match the oracl
   });
 }
 
-// What the mask hides has no share in the numbers; neutral numbers change nothing but rounding.
-TEST_CASE("appearance: masks, and numbers that change nothing", "[appearance][device]") {
+// Masked pixels have no influence on the numbers, and neutral numbers only change the rounding.
+TEST_CASE("appearance: masks, and neutral numbers", "[appearance][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Pictures p = pictures(45, 38, true);
     Pictures mapped = p;
@@ -149,8 +151,8 @@ TEST_CASE("appearance: masks, and numbers that change nothing", "[appearance][de
   });
 }
 
-// Adam with two moments and a count of its own for each image, then the mean taken away.
-TEST_CASE("appearance: steps are Adam's, and the mean over the images stays neutral",
+// Adam with two moments and a separate step count for each image, followed by subtracting the mean.
+TEST_CASE("appearance: steps follow Adam, and the mean over the images stays neutral",
           "[appearance][device]") {
   constexpr std::size_t kImages = 5;
   for_each_stages([](Device& device, Stages& stages) {
@@ -207,7 +209,8 @@ TEST_CASE("appearance: steps are Adam's, and the mean over the images stays neut
     }
     CHECK(worst < kStepError);
 
-    // A gradient that is not finite changes nothing and is noticed; after that only its own stamp steps.
+    // A gradient that is not finite changes nothing and is reported. After that, only steps with its own
+    // stamp are executed.
     gradient.upload(std::vector<float>(24, kNan));
     step(2, 7, true);
     CHECK(state.download() == got);

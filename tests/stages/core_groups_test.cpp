@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work-groups by core: whatever the number of groups and of cores, also of cores that there are not, every
-// work-item is run once a launch.
+// Tests work-groups that are assigned to cores: every work-item runs once per launch, for any number of
+// groups and of cores, even if there are fewer cores.
 #include "host/opencl/core_groups.hpp"
 
 #include <array>
@@ -15,7 +15,7 @@ namespace {
 
 using namespace opencl;
 
-TEST_CASE("work-groups of cores are run once each") {
+TEST_CASE("work-groups of cores run once each") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test()) {
     auto& device = dynamic_cast<OpenclDevice&>(*shared);
@@ -23,7 +23,7 @@ TEST_CASE("work-groups of cores are run once each") {
       WARN("skipped: no groups by core on " << describe(device.info()));
       continue;
     }
-    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0: two with a table of their shares
+    for (const std::uint32_t cores : {1u, 2u, 3u, 7u, 0u}) {  // 0: two cores with a table of their shares
       CoreGroups core_groups(device, cores > 0 ? cores : 2);
       ProgramSpec spec = core_groups.program({{"../tests/support/core_groups_probe.cl"}, {}});
       if (cores == 0) spec.options.push_back("-DUBS_CORE_SHARES=" + core_shares(std::array{0u, 2u, 4u}, 2));
@@ -34,7 +34,7 @@ TEST_CASE("work-groups of cores are run once each") {
         runs.zero();
         for (int launch = 0; launch < 3; ++launch) {
           core_groups.launch(kernel, groups, runs.view());
-          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // has not run, and changes nothing
+          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // has not run and has no effect
         }
         CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
       }
@@ -42,7 +42,7 @@ TEST_CASE("work-groups of cores are run once each") {
   }
 }
 
-TEST_CASE("cores whose numbers have gaps get shares of their own") {
+TEST_CASE("cores whose numbers have gaps get separate shares") {
   CHECK(core_shares(std::array{0u, 1u, 2u, 3u}, 4) == "");
   CHECK(core_shares(std::array{6u, 7u, 8u, 9u}, 4) == "");
   CHECK(core_shares(std::array{1u, 4u}, 2) == "");

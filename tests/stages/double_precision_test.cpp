@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The projection kernels compiled in double on devices that have it, against the same mathematics compiled
-// for the host: what remains is the difference between two compilers and their elementary functions.
+// Compares the projection kernels, compiled in double precision on devices that support it, with the same
+// mathematics compiled for the host. The remaining differences are those of two compilers and their
+// elementary functions.
 #include <catch2/catch.hpp>
 
 #include "host/lab/oracle/scenes.hpp"

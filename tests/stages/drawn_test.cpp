@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient on every device: records of the drawn splats,
-// in their order and bit for bit, what lists need of them, and gradients back at their places.
+// Tests the stages PlaceDrawn, PickDrawn, UnpackDrawn and SpreadGradient on every device: records of the
+// visible splats, bit for bit and in order, the values that lists need, and gradients that are written back
+// to the right splats.
 #include <bit>
 #include <random>
 
@@ -11,7 +12,7 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kStride = kSplatStride;
-constexpr std::size_t kSpare = kSplatReach + 1;  // the values of a record that nothing else uses
+constexpr std::size_t kSpare = kSplatReach + 1;  // values of a record that nothing else uses
 
 using test::uploaded;
 
@@ -21,7 +22,7 @@ struct Splats {
   std::vector<std::size_t> drawn;
 };
 
-// Any bits, but of NaN, are to arrive. `every`: one of so many splats is drawn, 0: none.
+// Any bits except NaN must be transferred. One of `every` splats is visible; 0: none.
 Splats splats(std::uint32_t count, unsigned every) {
   std::mt19937 random(count + every);
   Splats s;
@@ -42,7 +43,7 @@ Splats splats(std::uint32_t count, unsigned every) {
   return s;
 }
 
-TEST_CASE("drawn splats: records, what lists need of them, and gradients back") {
+TEST_CASE("drawn splats: records, values for lists, and gradients") {
   test::for_each_stages([](Device& device, Stages& stages) {
     for (const auto& [count, every] : {std::pair{0u, 1u}, {1u, 1u}, {64u, 0u}, {777u, 3u}, {70000u, 2u}}) {
       INFO(count << " splats, one of " << every << " drawn");
@@ -82,7 +83,7 @@ TEST_CASE("drawn splats: records, what lists need of them, and gradients back") 
         wrong += tile[j] != s.tiles[i];
       }
       CHECK(wrong == 0);
-      // The first rows as the gradients of those drawn.
+      // The first rows are used as the gradients of the visible splats.
       const Buffer<float> spread(device, "spread", kStride * std::max<std::size_t>(count, 1));
       stages.spread_gradient(
           {.count = count, .drawn = gradients.view(), .places = places.view(), .v_records = spread.view()});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the OpenCL back end asks of a driver beside the results: that it begins in time, and copies from
-// memory that it can copy from by itself. The calls pass through here on their way to the loader.
+// Tests how the OpenCL back end uses a driver, apart from results: it flushes queues in time, and copies from
+// memory from which the driver can copy directly. This file intercepts the calls to the loader.
 #include <dlfcn.h>
 
 #include <algorithm>
@@ -35,20 +35,21 @@ struct Copy {
   const std::byte* from;
   std::size_t bytes;
 };
-std::vector<std::string> calls;             // names of kernels, and "flush"
-std::map<std::string, std::size_t> groups;  // work-items of a group, by kernel
+std::vector<std::string> calls;             // names of kernels, or "flush"
+std::map<std::string, std::size_t> groups;  // group size, by kernel
 std::vector<Copy> pinned, writes;
 
-// What the driver answers instead of the truth, where it is not 0.
+// Values that the driver reports instead of the true ones, unless they are 0.
 struct Answers {
   cl_device_type type = 0;
-  std::size_t device_items = 0, kernel_items = 0;           // work-items of a group at most
-  cl_ulong device_local_bytes = 0, kernel_local_bytes = 0;  // local memory: there is, a kernel needs
+  std::size_t device_items = 0, kernel_items = 0;  // maximum group size
+  cl_ulong device_local_bytes = 0,
+           kernel_local_bytes = 0;  // local memory: of the device, and required by a kernel
   std::size_t sub_group_items = 0;
   const char* extensions = nullptr;  // all of the device
 };
 Answers answers;
-cl_ulong most_local_bytes = 0;  // of a kernel that was launched
+cl_ulong most_local_bytes = 0;  // of a launched kernel
 
 template <typename T>
 bool answer(const T& value, std::size_t size, void* to) {
@@ -113,7 +114,7 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
     return CL_INVALID_WORK_GROUP_SIZE;
   if (answers.kernel_local_bytes > 0) return CL_OUT_OF_RESOURCES;
   if (std::strcmp(name, "exchange_check") != 0)
-    calls.emplace_back(name);  // at first use, on cards that exchange
+    calls.emplace_back(name);  // at first use, on cards with lane exchange
   groups[name] = local ? local[0] * local[1] * local[2] : 0;
   cl_device_id device = nullptr;
   cl_ulong local_bytes = 0;
@@ -155,7 +156,7 @@ bool launched(const std::string& part) {
   return std::ranges::any_of(calls, [&](const std::string& call) { return call.find(part) != call.npos; });
 }
 
-TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
+TEST_CASE("the queue is flushed whenever the host has other work to do") {
   const bench::BenchScene scene = bench::synthetic_object(3, 500, 40, 40, 1);
   for (const auto& device : opencl_devices_under_test())
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
@@ -169,7 +170,7 @@ TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
       CHECK(launched("project_forward"));
       CHECK(launched("raster_"));
       CHECK(calls.back() == "flush");
-      // Lists first: while they are built the host looks for the kernels of the rasteriser.
+      // The lists are first, because the host loads the kernels of the rasteriser while lists are built.
       const auto drawn =
           std::ranges::find_if(calls, [](const auto& call) { return call.starts_with("raster_"); });
       CHECK(*(drawn - 1) == "flush");
@@ -204,8 +205,8 @@ TEST_CASE("a driver is asked to begin wherever the host has other work to do") {
     }
 }
 
-// 40 before a pass of the sort was three launches, and a prefix sum two.
-TEST_CASE("tile lists of a view on cards are 24 launches", "[device]") {
+// It was 40 before passes of the sort were reduced to three launches, and prefix sums to two.
+TEST_CASE("tile lists of a view on cards need 24 launches", "[device]") {
   const bench::BenchScene scene = bench::synthetic_object(3, 5000, 400, 400, 1);  // 625 tiles: two passes
   for (const auto& device : opencl_devices_under_test()) {
     INFO(device->info().name);
@@ -224,7 +225,7 @@ TEST_CASE("tile lists of a view on cards are 24 launches", "[device]") {
   }
 }
 
-TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
+TEST_CASE("data that are written without waiting are in pinned memory", "[device]") {
   for (const auto& device : opencl_devices_under_test()) {
     INFO(device->info().name);
     Buffer<std::uint8_t> to(*device, "to", 300000), small(*device, "small", 100);
@@ -249,7 +250,7 @@ TEST_CASE("what is written without waiting lies in pinned memory", "[device]") {
   }
 }
 
-// The device, said to be another one.
+// Pretends that the device is a different one.
 std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) {
   const cl_device_id id = dynamic_cast<OpenclDevice&>(device).id();
   cl_platform_id platform = nullptr;
@@ -257,7 +258,7 @@ std::unique_ptr<OpenclDevice> disguised(Device& device, const DeviceInfo& info) 
   return std::make_unique<OpenclDevice>(platform, id, info);
 }
 
-TEST_CASE("bytes are shown where a CPU has them, and else through memory that is kept", "[device]") {
+TEST_CASE("bytes are mapped in place on a CPU, and otherwise copied to memory that is reused", "[device]") {
   for (const auto& device : opencl_devices_under_test())
     for (const DeviceType type : {DeviceType::cpu, DeviceType::gpu}) {
       DeviceInfo info = device->info();
@@ -275,8 +276,8 @@ TEST_CASE("bytes are shown where a CPU has them, and else through memory that is
     }
 }
 
-// UBS_SYNC=1 compares each kernel that is used with its declaration (host/opencl/kernels.hpp).
-TEST_CASE("kernels have the arguments that are declared") {
+// UBS_SYNC=1 compares each used kernel with its declaration (host/opencl/kernels.hpp).
+TEST_CASE("kernels have the declared arguments") {
   const bench::BenchScene scene = bench::synthetic_object(3, 200, 40, 40, 1);
   const test::Variable sync("UBS_SYNC", "1");
   for (const auto& device : opencl_devices_under_test())
@@ -304,7 +305,9 @@ TEST_CASE("kernels have the arguments that are declared") {
     }
 }
 
-TEST_CASE("CPUs of PoCL get built-ins of clang, other CPUs the library's functions, GPUs their own") {
+TEST_CASE(
+    "CPUs of PoCL use built-ins of clang, other CPUs functions of the library, and GPUs their own "
+    "functions") {
   for (const auto& device : opencl_devices_under_test()) {
     DeviceInfo info = device->info();
     for (const std::string platform : {"Portable Computing Language", "Another"})
@@ -324,7 +327,7 @@ TEST_CASE("CPUs of PoCL get built-ins of clang, other CPUs the library's functio
   }
 }
 
-TEST_CASE("twice the registers are asked for where Intel's device says that it has them") {
+TEST_CASE("twice the number of registers is requested if an Intel device supports it") {
   const auto version = [](std::uint32_t architecture, std::uint32_t release) {
     return architecture << 22 | release << 14 | 4u;
   };
@@ -343,7 +346,7 @@ struct AnswersFor {
   ~AnswersFor() { answers = {}; }
 };
 
-// Warnings of `work`.
+// Returns the warnings that `work` prints.
 template <typename Work>
 std::string warnings_of(const Work& work) {
   std::string said;
@@ -355,8 +358,8 @@ std::string warnings_of(const Work& work) {
   return said;
 }
 
-// A training step on a card whose groups are small: 128 or 192 work-items, or 16 KiB of local memory.
-TEST_CASE("cards with small work-groups run the kernels for CPUs, and say so", "[device]") {
+// A training step on a card with small groups: 128 or 192 work-items, or 16 KiB of local memory.
+TEST_CASE("cards with small work-groups run the kernels for CPUs, with a warning", "[device]") {
   const oracle::Scene scene =
       oracle::regular_scene({.count = 150, .dim = 4, .seed = 11, .width = 45, .height = 38});
   const std::vector<float> target(scene.target.begin(), scene.target.end());
@@ -388,7 +391,7 @@ TEST_CASE("cards with small work-groups run the kernels for CPUs, and say so", "
   }
 }
 
-TEST_CASE("a kernel that does not fit into a group is refused with what it needs and what there is",
+TEST_CASE("a kernel that does not fit into a group is rejected with required and available sizes",
           "[device]") {
   const oracle::Scene scene =
       oracle::regular_scene({.count = 20, .dim = 3, .seed = 1, .width = 20, .height = 20});
@@ -413,7 +416,7 @@ TEST_CASE("a kernel that does not fit into a group is refused with what it needs
       draw(), Catch::Contains("needs 40000 bytes of local memory, but") && Catch::Contains("has only 32768"));
 }
 
-// Kernels whose lane exchange is another one, in a folder.
+// Writes kernels with a different lane exchange into a folder.
 struct OtherExchange {
   explicit OtherExchange(const std::string& text) {
     std::filesystem::copy(test::source_folder() / "kernels", folder.path() / "kernels",
@@ -425,8 +428,9 @@ struct OtherExchange {
   std::optional<test::Variable> source;
 };
 
-// Drivers that say that they have an exchange: what stands in exchange.h is emulated in local memory, rightly
-// or wrongly. Others say that they have none, or that sub-groups are no whole rows of 16 lanes.
+// Drivers that claim to have an exchange, for which the functions of exchange.h are emulated in local memory,
+// correctly or incorrectly. Other drivers have none, or their sub-groups do not consist of whole rows of 16
+// lanes.
 TEST_CASE("a lane exchange that does not work is replaced by local memory, with a warning", "[device]") {
   if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
   const oracle::Scene scene =
@@ -457,7 +461,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
       {nvidia, "#if UBS_SUBGROUPS\n#error no such instruction\n#endif\n" + right,
        "summed through local memory"},
       {khr(32), right, ""},
-      {khr(8), right, "sub-groups have 8 work-items, no multiple of 16"},
+      {khr(8), right, "of a sub-group is 8, which is not a multiple of 16"},
       {{.type = CL_DEVICE_TYPE_GPU, .extensions = ""}, right, "has no exchange of values"},
       {{.type = CL_DEVICE_TYPE_CPU, .extensions = ""}, right, ""},
   };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Elementary functions of kernels on every device and number of lanes against float64, with the errors that
-// kernels/README.md states (on CUDA: tests/cuda/elementary_test.cpp).
+// Compares the elementary functions of the kernels on every device and for every number of lanes with
+// float64. The bounds are the errors that kernels/README.md states. tests/cuda/elementary_test.cpp does the
+// same for CUDA.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -26,7 +27,7 @@ std::vector<float> values(OpenclDevice& device, Kernel& kernel, int lanes, int w
   return out.download();
 }
 
-// At points from `from` to `to`, as many to an octave throughout.
+// Evaluates at points from `from` to `to` with equal ratios between neighbours.
 double largest_error(OpenclDevice& device, Kernel& kernel, int lanes, int which, Function truth, double from,
                      double to) {
   std::vector<float> x(std::size_t{1} << 19);
@@ -38,13 +39,13 @@ double largest_error(OpenclDevice& device, Kernel& kernel, int lanes, int which,
   for (std::size_t i = 0; i < x.size(); ++i) {
     const double exact = truth(static_cast<double>(x[i]));
     const double error = std::abs(static_cast<double>(f[i]) - exact) / std::abs(exact);
-    if (!(error <= most)) most = error;  // NaN too
+    if (!(error <= most)) most = error;  // also for NaN
   }
   return most;
 }
 
-// The worst error of all widths stands behind the bounds: PoCL on an Intel Xeon with AVX-512.
-TEST_CASE("elementary functions are as exact as is stated") {
+// The largest error of all widths is stated after each bound (PoCL on an Intel Xeon with AVX-512).
+TEST_CASE("elementary functions have at most the documented errors") {
   const test::KernelFolder folder;
   for (const auto& shared : opencl_devices_under_test())
     for (const int lanes : {1, 4, 8, 16}) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists on every device and for both raster kinds against std::stable_sort, bit for bit: sizes around
-// every block size, culled splats, equal depths, huge rectangles, wide and many-tiled images, totals beyond
-// 32 bits; guard words behind every output; and the prefix sums that the lists are made of.
+// Compares tile lists on every device and for both rasterisers with std::stable_sort, bit for bit: sizes
+// around every block size, culled splats, equal depths, huge rectangles, wide images and images with many
+// tiles, and totals beyond 32 bits. Every output is followed by guard words. Also tests the prefix sums that
+// the lists use.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -44,7 +45,7 @@ Buffer<std::uint32_t> guarded(Device& device, std::size_t size) {
   return uploaded(device, Words(size + kGuards, kGuard));
 }
 
-// One REQUIRE an array: millions of assertions would be the slowest part of the test.
+// Uses one REQUIRE per array, because millions of assertions would be the slowest part of the test.
 void require_equal(const char* what, const Buffer<std::uint32_t>& buffer, Words expected) {
   expected.resize(expected.size() + kGuards, kGuard);
   const Words found = buffer.download();
@@ -74,8 +75,8 @@ void require_lists(Device& device, Stages& stages, const Splats& splats) {
   require_equal("sorted_slots", slots, expected.slots);
 }
 
-// The lists of a view for which buffers have `room`, without waiting for the totals: those of
-// expected_lists(), or where there is not enough room those of no splats.
+// Tests the lists of a view for buffers with a capacity of `room`, without waiting for the totals. They must
+// equal expected_lists(), or, if the capacity is not sufficient, the lists without splats.
 void require_bounded(Device& device, Stages& stages, const Splats& splats, std::uint64_t room) {
   const Expected counted = expected_lists(splats);
   const bool fits = counted.totals.intersections <= room;
@@ -102,7 +103,8 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
   REQUIRE(found == std::array{counted.totals.visible, counted.totals.intersections});
   require_equal("tile_counts", counts, fits ? splats.counts : none.counts);
   require_equal("tile_ranges", ranges, expected.ranges);
-  // Behind the list lies what sorting for a bound left there, and nothing behind the bound.
+  // The list is followed by values that sorting up to the bound left there. Nothing is written beyond the
+  // bound.
   for (auto [what, buffer, list] :
        {std::tuple{"sorted_ids", &ids, &expected.ids}, {"sorted_slots", &slots, &expected.slots}}) {
     Words rest = buffer->download();
@@ -150,24 +152,25 @@ TEST_CASE("Tile lists at sizes around those of groups, blocks and chunks", "[lis
   });
 }
 
-TEST_CASE("Tile lists by a bound are those of waiting, or empty", "[lists]") {
+TEST_CASE("Tile lists with a bound equal those with waiting, or are empty", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     const auto with_rooms = [&](const Splats& splats) {
       const std::uint64_t pairs = expected_lists(splats).totals.intersections;
       for (const std::uint64_t room : {pairs, pairs + 1, pairs - 1, std::uint64_t{1}, 3 * pairs + 5000})
         if (room <= UINT32_MAX) require_bounded(device, stages, splats, room);
-      require_bounded(device, stages, splats, pairs);  // after a view that had no room
+      require_bounded(device, stages, splats, pairs);  // after a view that exceeded the capacity
     };
     with_rooms(random_splats(random, 20000, 333, 77, 0.5f, 5));
     with_rooms(random_splats(random, 3000, 200, 200, 0.02f, 2));  // nearly all culled
     with_rooms(random_splats(random, 2049, 16, 16, 1, 0));        // one tile
-    with_rooms(random_splats(random, 2048, 64, 64, 1, 1));  // 16 tiles: the largest key is also a tile's
+    with_rooms(
+        random_splats(random, 2048, 64, 64, 1, 1));  // 16 tiles: the largest key is also used by a tile
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 0);
     require_bounded(device, stages, random_splats(random, 5000, 200, 100, 0, 1), 3000);
     require_bounded(device, stages, random_splats(random, 0, 64, 48, 1, 1), 100);
     Splats beyond = random_splats(random, 1000, 160, 160, 1, 1);
-    for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // more than 32 bits hold
+    for (std::uint32_t& count : beyond.counts) count = 0xfffffff0u;  // more than 32 bits can represent
     require_bounded(device, stages, beyond, 5000);
   });
 }
@@ -187,8 +190,8 @@ TEST_CASE("Tile lists keep the order of indices among equal depths", "[lists]") 
   });
 }
 
-// Keys from the least to the largest of a span, both of them there: one bit above and below what one, two and
-// three digits take, from multiples of everything and from just below them.
+// Tests keys that cover a span, including its smallest and largest value. The spans are one bit above and
+// below one, two and three digits, and start at round numbers and just below them.
 TEST_CASE("Tile lists of keys that span few bits", "[lists]") {
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
@@ -250,7 +253,7 @@ TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
   });
 }
 
-TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]") {
+TEST_CASE("Tile lists of the same splats are reproducible", "[lists]") {
   // Scratch left over from a larger scene must not show.
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
@@ -261,7 +264,7 @@ TEST_CASE("Tile lists of the same splats are the same a second time", "[lists]")
   });
 }
 
-TEST_CASE("Chunks are the same number for each core and cover everything", "[lists]") {
+TEST_CASE("Each core gets the same number of chunks, and chunks cover everything", "[lists]") {
   for (std::uint64_t elements : {1ull, 4095ull, 8192ull, 30000ull, 57344ull, 1ull << 20, 5ull << 31})
     for (std::size_t cores : {1u, 2u, 3u, 8u, 64u})
       for (std::size_t most : {std::size_t{1}, cores, 4 * cores, 4 * cores + 1}) {
@@ -269,8 +272,8 @@ TEST_CASE("Chunks are the same number for each core and cover everything", "[lis
         const opencl::Blocks blocks = opencl::chunk_blocks(elements, most, cores);
         CHECK(blocks.count * blocks.size >= elements);
         CHECK((blocks.count - 1) * blocks.size < elements);
-        // Beyond 2^31 elements a chunk there are more than `most`; of few elements the last chunks may be
-        // empty.
+        // If chunks had more than 2^31 elements, there are more than `most` chunks. With few elements, the
+        // last chunks may be empty.
         if (elements < (1ull << 31)) CHECK(blocks.count <= most);
         if (elements >= 4096 * cores * 16 && elements < (1ull << 31) && most >= cores)
           CHECK(blocks.count % cores == 0);
@@ -287,7 +290,7 @@ TEST_CASE("Prefix sums of 32-bit values into 32 and 64 bits", "[lists][scan]") {
       config.raster = raster;
       opencl::Scan scan(*device, config);
       ListRandom random;
-      // The last one needs a third level of block sums on GPUs (2048 x 2048 elements a second one).
+      // The last size needs a third level of block sums on GPUs (more than 2048 x 2048 elements).
       for (std::uint32_t count : {0u, 1u, 255u, 256u, 257u, 2047u, 2048u, 2049u, 100000u, 4194305u}) {
         INFO(describe(device->info()) << ", " << count << " elements");
         Words values(count);

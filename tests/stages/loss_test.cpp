@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stage ImageLoss on every device against a dense double evaluation with zero padding: values, gradient,
-// padding, both kinds of target, evaluation, determinism, images smaller than the window.
+// Compares the stage ImageLoss on every device with a dense evaluation in double precision with zero padding:
+// values, gradient, padding, both kinds of targets, evaluation, determinism, and images smaller than the
+// window.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -58,7 +59,7 @@ struct ExactLoss {
   std::vector<double> gradient;  // planar, not padded
 };
 
-// method.md 4.1, in its own notation.
+// The formulas of method.md 4.1 in the same notation.
 void add_channel(const Plane& x, const Plane& t, int width, int height, double lambda, int channel,
                  ExactLoss& e) {
   const Plane mu1 = blur(x, width, height), mu2 = blur(t, width, height);
@@ -94,7 +95,7 @@ ExactLoss evaluate(const Images& images, double lambda, bool clamp = false) {
   for (int c = 0; c < 3; ++c) {
     Plane x(pixels), t(pixels);
     for (std::size_t i = 0; i < pixels; ++i) {
-      // The kernel sees the target in single precision; exactly equal pixels must stay equal.
+      // The kernel uses the target in single precision, and equal pixels must stay equal.
       t[i] = static_cast<float>(images.target[c * pixels + i]) * 0.00392156862745098f;
       x[i] = images.image[c * pixels + i];
       if (clamp) x[i] = std::clamp(x[i], 0.0, 1.0);
@@ -106,7 +107,7 @@ ExactLoss evaluate(const Images& images, double lambda, bool clamp = false) {
 
 // ---- Images ----
 
-// A render near its target: smooth shapes, noise, overshoots beyond [0, 1].
+// Returns a render that is similar to its target: smooth shapes, noise, and values beyond [0, 1].
 Images similar_images(int width, int height) {
   std::mt19937 random(static_cast<unsigned>(width * 1000 + height));
   std::normal_distribution<float> noise(0, 0.08f);
@@ -140,7 +141,7 @@ struct RunOptions {
 
 LossResult run(Device& device, Stages& stages, const Images& images, const RunOptions& options) {
   const ImageShape shape{images.width, images.height};
-  // Padding is undefined by contract: make it poison.
+  // The padding is undefined, so it is filled with NaN.
   std::vector<float> padded(3 * shape.plane(), kNan);
   for (int c = 0; c < 3; ++c)
     for (int y = 0; y < images.height; ++y)
@@ -177,12 +178,13 @@ LossResult run(Device& device, Stages& stages, const Images& images, const RunOp
 }
 
 struct Tolerance {
-  double l1, ssim, mse, gradient;  // the gradient's is relative to its largest element
+  double l1, ssim, mse, gradient;  // that of the gradient is relative to its largest element
 };
-// Twice the worst seen on PoCL, either kind of kernel: 8.4e-9, 1.4e-7, 2.5e-9; gradient 1.8e-5 at 33 x 50.
+// Bounds: twice the largest errors observed on PoCL with both kinds of kernels, which are 8.4e-9, 1.4e-7 and
+// 2.5e-9, and 1.8e-5 for the gradient at 33 x 50.
 constexpr Tolerance kSimilar{2e-8, 3e-7, 5e-9, 3.6e-5};
-// Rounding does not average out over equal pixels: worst seen 1.9e-7, 3.0e-6, 2.5e-8; gradient 3.7e-4
-// where the images differ by 1e-3 only.
+// Rounding errors of equal pixels do not average out. Largest errors observed: 1.9e-7, 3.0e-6 and 2.5e-8, and
+// 3.7e-4 for the gradient if the images only differ by 1e-3.
 constexpr Tolerance kConstant{4e-7, 6e-6, 5e-8, 7e-4};
 
 void check_sums(const std::vector<float>& sums, const ExactLoss& expected, const Tolerance& tolerance) {
@@ -191,10 +193,10 @@ void check_sums(const std::vector<float>& sums, const ExactLoss& expected, const
   CHECK(sums[3] == near(expected.ssim, tolerance.ssim));
   for (int c = 0; c < 3; ++c) CHECK(sums[4 + c] == near(expected.mse[c], tolerance.mse));
   for (const int i : {7, 8, 9}) CHECK(sums[i] == 0);
-  for (const int i : {0, 1, 10}) CHECK(sums[i] == -7.0f);  // neighbours untouched
+  for (const int i : {0, 1, 10}) CHECK(sums[i] == -7.0f);  // neighbours are not changed
 }
 
-// Error of the gradient relative to the largest; checks that the padding is zero.
+// Returns the error of the gradient relative to its largest element, and checks that the padding is zero.
 double gradient_error(const Images& images, const std::vector<float>& gradient, const ExactLoss& expected,
                       float scale) {
   const ImageShape shape{images.width, images.height};
@@ -234,8 +236,8 @@ TEST_CASE("image loss and gradient match the dense reference", "[loss][device]")
   });
 }
 
-// Sides of images at every number of lanes, in images of one launch and of one a channel (above 256 x 256
-// pixels).
+// Tests edges of images for every number of lanes, in images that need a single launch and in images with one
+// launch per channel (above 256 x 256 pixels).
 TEST_CASE("image loss matches the dense reference at every vector width", "[loss][device]") {
   const std::vector<DeviceInfo> devices = opencl::list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i)
@@ -254,7 +256,7 @@ TEST_CASE("image loss matches the dense reference at every vector width", "[loss
     }
 }
 
-TEST_CASE("image loss is exact for images of one value, at both ends of the range", "[loss][device]") {
+TEST_CASE("image loss is exact for constant images at both ends of the range", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const int value : {0, 128, 255})
       for (const float offset : {0.0f, 1e-3f, -0.2f}) {
@@ -274,7 +276,8 @@ TEST_CASE("image loss is exact for images of one value, at both ends of the rang
   });
 }
 
-TEST_CASE("image loss takes a float target and leaves the gradient alone in evaluation", "[loss][device]") {
+TEST_CASE("image loss accepts a float target and does not write the gradient in evaluation",
+          "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Images images = similar_images(45, 37);
     const LossResult bytes = run(device, stages, images, {});
@@ -292,7 +295,7 @@ TEST_CASE("image loss takes a float target and leaves the gradient alone in eval
   });
 }
 
-TEST_CASE("image loss gives the same bits again, also after other image sizes", "[loss][device]") {
+TEST_CASE("image loss is reproducible, also after other image sizes", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Images large = similar_images(200, 120), small = similar_images(33, 50);
     const LossResult first = run(device, stages, large, {});
@@ -302,7 +305,7 @@ TEST_CASE("image loss gives the same bits again, also after other image sizes", 
     CHECK(first.gradient == second.gradient);
     CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
           kSimilar.gradient);
-    // The same maps with their margins at other places: wider and lower, narrower and higher.
+    // The same maps with margins at other positions: wider and lower, narrower and higher.
     for (const auto& [width, height] : {std::pair{300, 40}, {20, 300}, {300, 40}}) {
       const Images other = similar_images(width, height);
       CHECK(gradient_error(other, run(device, stages, other, {}).gradient, evaluate(other, 0.2), 1) <

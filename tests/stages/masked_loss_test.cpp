@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Masks in stage ImageLoss on every device, against a dense double evaluation whose gradient is a difference
-// quotient; and what a mask means: its pixels have no influence at all, and a rectangle is the same as
-// cropping.
+// Compares masks in the stage ImageLoss on every device with a dense evaluation in double precision, whose
+// gradient is a difference quotient. Also tests the meaning of a mask: masked pixels have no influence, and a
+// rectangle is equivalent to cropping.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -37,7 +37,7 @@ Scene random_scene(int width, int height) {
         s.target.push_back(static_cast<std::uint8_t>(std::lround(255 * value)));
         s.image.push_back(value + noise(random));
       }
-  // A band, a disc, and single pixels.
+  // Returns a mask with a band, a disc, and single pixels.
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const bool masked = (y > 5 && y < 9) || std::hypot(x - 20, y - 20) < 7 || (x * 7 + y * 13) % 31 == 0;
@@ -46,7 +46,8 @@ Scene random_scene(int width, int height) {
   return s;
 }
 
-// (1 - lambda) mean |x - t| + lambda (1 - mean SSIM), pixels of mask 0 as if outside of the image.
+// Returns (1 - lambda) mean |x - t| + lambda (1 - mean SSIM), where masked pixels are treated as if they were
+// outside of the image.
 double reference_loss(const Scene& s, const std::vector<double>& image, double lambda,
                       double* l1_out = nullptr, double* ssim_out = nullptr) {
   std::array<double, 11> w{};
@@ -165,7 +166,7 @@ TEST_CASE("masked image loss and gradient match the dense reference", "[loss][de
   });
 }
 
-TEST_CASE("masked pixels have no influence on the loss, whatever they hold", "[loss][device]") {
+TEST_CASE("masked pixels have no influence on the loss, whatever their values are", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Scene s = random_scene(150, 40);
     Scene other = s;
@@ -184,7 +185,7 @@ TEST_CASE("masked pixels have no influence on the loss, whatever they hold", "[l
   });
 }
 
-TEST_CASE("a mask that leaves a rectangle is the same as cropping", "[loss][device]") {
+TEST_CASE("a mask that keeps a rectangle is equivalent to cropping", "[loss][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Scene s = random_scene(90, 50);
     const int x0 = 13, y0 = 7, width = 60, height = 30;
@@ -205,7 +206,7 @@ TEST_CASE("a mask that leaves a rectangle is the same as cropping", "[loss][devi
   });
 }
 
-TEST_CASE("valid-window SSIM leaves out windows with masked pixels", "[loss][device]") {
+TEST_CASE("valid-window SSIM skips windows with masked pixels", "[loss][device]") {
   Scene s = random_scene(40, 34);
   std::vector<float> target;
   for (const std::uint8_t v : s.target) target.push_back(static_cast<float>(v) / 255.0f);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages Relocate, Grow and AddNoise on every device: what moves where, the opacity rule, moments,
-// determinism, the distribution of sources, and the degenerate populations.
+// Tests the stages Relocate, Grow and AddNoise on every device: which splats are moved to which sources, the
+// opacity rule, moments, determinism, the distribution of sources, and degenerate populations.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -73,7 +73,7 @@ std::map<std::uint32_t, int> check_copies(const Model& before, const Model& afte
 
 }  // namespace
 
-TEST_CASE("relocation moves the dead onto the living and splits opacity", "[mcmc][device]") {
+TEST_CASE("relocation moves dead splats to living ones and splits the opacity", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(500, 500, 0.0f);
     std::mt19937 random(4);
@@ -88,7 +88,7 @@ TEST_CASE("relocation moves the dead onto the living and splits opacity", "[mcmc
     const auto copies = check_copies(model, on.download(model), dead);
     CHECK(copies.size() > 50);
     for (const auto& [source, n] : copies) CHECK(source % 3 != 1);
-    CHECK(on.relocate(stages) < dead.size() / 10);  // a few sources were split down to the floor
+    CHECK(on.relocate(stages) < dead.size() / 10);  // the opacity of a few sources reached the minimum
   });
 }
 
@@ -108,7 +108,7 @@ TEST_CASE("relocation with nothing dead or nothing alive changes nothing", "[mcm
   });
 }
 
-TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][device]") {
+TEST_CASE("all dead splats are moved to the only living one, even if its opacity is 1", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const float raw : {2.0f, 30.0f, 1e30f, std::numeric_limits<float>::infinity()}) {
       Model model(5000, 5000, kDead);
@@ -121,7 +121,8 @@ TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][dev
         REQUIRE(after.origin(i) == 1234);
         REQUIRE(after.at(kOpacityRow, i) == after.at(kOpacityRow, 1234));
       }
-      // logistic(raw) of a float has lost 1 - o where raw is large; softplus(raw) / 5000 has not.
+      // For large raw values, logistic(raw) in float has no digits of 1 - o left, but softplus(raw) / 5000
+      // has.
       if (raw < 20) CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(expected).epsilon(2e-6));
       if (raw > 1e6)
         CHECK(opacity_of(after.at(kOpacityRow, 0)) == Approx(1 - std::ldexp(1.0, -23)).epsilon(1e-12));
@@ -130,7 +131,7 @@ TEST_CASE("one living splat, even of opacity 1, takes all the dead", "[mcmc][dev
   });
 }
 
-TEST_CASE("growth fills the new slots and nothing beyond them", "[mcmc][device]") {
+TEST_CASE("growth writes the new slots and nothing beyond them", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(1000, 1100, 0.5f);
     for (std::uint32_t i = 0; i < 100; ++i) model.at(kOpacityRow, i) = kNan;
@@ -166,7 +167,7 @@ TEST_CASE("growth respects capacity and its edges", "[mcmc][device]") {
     CHECK_THROWS_AS(on.grow(stages, 65), Error);
     OnDevice none(device, Model(0, 64, 0.0f));
     CHECK_THROWS_AS(none.grow(stages, 10), Error);
-    // Nothing to sample from: sources are drawn evenly, and the opacity becomes the floor.
+    // There is nothing to sample from, so sources are chosen uniformly, and the opacity becomes the minimum.
     const Model invalid(60, 64, kNan);
     OnDevice poisoned(device, invalid);
     poisoned.grow(stages, 64);
@@ -178,7 +179,7 @@ TEST_CASE("growth respects capacity and its edges", "[mcmc][device]") {
   });
 }
 
-TEST_CASE("sources are drawn in proportion to opacity", "[mcmc][device]") {
+TEST_CASE("sources are sampled in proportion to opacity", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     constexpr std::uint32_t kSources = 50, kDraws = 100000;
     Model model(kSources + kDraws, kSources + kDraws, kDead);
@@ -197,8 +198,8 @@ TEST_CASE("sources are drawn in proportion to opacity", "[mcmc][device]") {
       const double expected = kDraws * opacity_of(model.at(kOpacityRow, i)) / total;
       chi_square += (drawn[i] - expected) * (drawn[i] - expected) / expected;
     }
-    CHECK(chi_square < 94);  // 49 degrees of freedom: exceeded by chance once in 10^4
-    CHECK(chi_square > 17);  // and a value this small as rarely
+    CHECK(chi_square < 94);  // 49 degrees of freedom: exceeded with a probability of 1e-4
+    CHECK(chi_square > 17);  // values below this are equally rare
   });
 }
 
@@ -248,7 +249,7 @@ TEST_CASE("noise is Sigma_x times gated normals of the counter", "[mcmc][device]
   });
 }
 
-TEST_CASE("noise of broken splats leaves them where they are", "[mcmc][device]") {
+TEST_CASE("splats with invalid parameters are not moved by noise", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(64, 64, -7.0f);
     model.at(kScaleRow, 3) = 1e30f;

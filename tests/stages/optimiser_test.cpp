@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages AdamStep and Regularise on every device against double precision.
+// Compares the stages AdamStep and Regularise on every device with double precision.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
@@ -77,7 +77,7 @@ TEST_CASE("adam matches the double recurrence in every row and dimension", "[ada
     });
 }
 
-TEST_CASE("adam counts its bias correction to large steps", "[adam][device]") {
+TEST_CASE("adam corrects the bias correctly up to large step numbers", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     for (const std::uint64_t step : {std::uint64_t{1}, std::uint64_t{1000}, std::uint64_t{1} << 40}) {
       const std::size_t size = row_count(6) * 64;
@@ -103,8 +103,8 @@ TEST_CASE("adam counts its bias correction to large steps", "[adam][device]") {
   });
 }
 
-// With denormals 1e-20 squared times 0.001 is 1e-43, else 0: epsilon = 1e-15 decides the step, which differs
-// by 1e-5.
+// The square of 1e-20 times 0.001 is 1e-43 with denormals, and 0 without. As epsilon = 1e-15 dominates, the
+// steps only differ by 1e-5.
 TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const float values[] = {0.0f, 1e-20f, -1e-20f, 1e-30f, 1e-40f, -1e-45f, 1e-12f, 1e18f};
@@ -120,15 +120,15 @@ TEST_CASE("adam with zero, tiny and denormal values stays finite and predictable
     for (std::size_t i = 0; i < size; ++i) {
       const double magnitude = std::abs(static_cast<double>(g[i])), rest = magnitude > 3e-18 ? magnitude : 0;
       const double kept = g[i] == 0 ? 0 : -g[i] / (magnitude + 1e-15), flushed = -g[i] / (rest + 1e-15);
-      // Worst seen on PoCL with denormals: 2.6e-6, at 1e-40. Without them moments are lost that move the
-      // parameter by less than 1e-22.
+      // Largest error observed on PoCL with denormals: 2.6e-6, at 1e-40. Without denormals, the lost moments
+      // change the parameter by less than 1e-22.
       const double error = std::min(std::abs(got[i] - kept), std::abs(got[i] - flushed));
       REQUIRE(error < 5.2e-6 * std::abs(kept) + 1e-22);
     }
   });
 }
 
-TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then no further step",
+TEST_CASE("watched adam: the same bits, a stamp for values that are not finite, and then no further step",
           "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const std::uint32_t count = 100, stride = 128;
@@ -157,7 +157,7 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
     };
     State plain = fresh(), watched = fresh();
     step(plain, g, 0);
-    step(watched, g, 5);  // the padding is not looked at
+    step(watched, g, 5);  // the padding is not checked
     CHECK(sentinel.download()[0] == 0);
     const auto same = [&](const Buffer<float>& a, const Buffer<float>& b, std::size_t except) {
       const std::vector<float> x = a.download(), y = b.download();
@@ -182,7 +182,7 @@ TEST_CASE("watched adam: the same bits, a stamp for what is not finite, and then
       CHECK(b.params.download()[bad] == start[bad]);
       CHECK_FALSE(std::isfinite(b.m2.download()[bad]));
       same(a.params, b.params, bad);
-      step(b, g, 8);  // waits
+      step(b, g, 8);  // no step
       CHECK(sentinel.download()[0] == 7);
       same(a.params, b.params, bad);
     }
@@ -228,7 +228,7 @@ TEST_CASE("penalties are added to the gradients of their own rows", "[adam][devi
     });
 }
 
-TEST_CASE("optimiser stages accept no splats and refuse broken calls", "[adam][device]") {
+TEST_CASE("optimiser stages accept 0 splats and reject invalid calls", "[adam][device]") {
   for_each_stages(6, [](Device& device, Stages& stages) {
     const std::size_t size = row_count(6) * 64;
     Buffer<float> a = uploaded(device, std::vector<float>(size, 1.0f)),

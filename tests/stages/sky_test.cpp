@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages DrawSky, SkyGradient and SkyStep on every device, against doubles.
+// Compares the stages DrawSky, SkyGradient and SkyStep on every device with double precision.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,10 +18,11 @@ using test::for_each_stages;
 using test::uploaded;
 
 constexpr std::size_t kNumbers = kSkyNumbers;
-// Twice the worst seen on PoCL and with CUDA on the host: 2.5e-7, 1.5e-7 (of the sum of magnitudes), 2.1e-7.
+// Bounds: twice the largest errors observed on PoCL and with CUDA on the host, which are 2.5e-7, 1.5e-7
+// (relative to the sum of magnitudes) and 2.1e-7.
 constexpr double kPixelError = 5e-7, kGradientError = 3e-7, kStepError = 4.2e-7;
 
-// Nine functions of the direction of a pixel: 1, and the harmonics of degree 1 and 2.
+// Returns nine functions of the direction of a pixel: 1, and the harmonics of degrees 1 and 2.
 std::vector<double> functions_at(const Camera& camera, int x, int y) {
   const std::array<double, 3> seen{(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1};
   const double length = std::hypot(seen[0], seen[1], seen[2]);
@@ -36,7 +37,8 @@ std::vector<double> functions_at(const Camera& camera, int x, int y) {
 struct Picture {
   Camera camera;
   ImageShape shape;
-  std::vector<float> sky, transmittance, image, v_image;  // planes as on the device, NaN beside the image
+  std::vector<float> sky, transmittance, image,
+      v_image;  // planes as on the device, with NaN outside of the image
   std::size_t at(int c, int x, int y) const {
     return static_cast<std::size_t>(c) * shape.plane() +
            static_cast<std::size_t>(y) * static_cast<std::size_t>(shape.pitch()) +
@@ -59,7 +61,7 @@ Picture picture(int width, int height) {
   p.camera.width = width, p.camera.height = height;
   p.camera.fx = 0.9 * width, p.camera.fy = 1.2 * height;
   p.camera.cx = 0.45 * width, p.camera.cy = 0.6 * height;
-  // Turned about two axes.
+  // The camera is rotated about two axes.
   const double a = 0.7, b = -0.4;
   p.camera.rotation = {std::cos(a),
                        0,
@@ -82,7 +84,7 @@ Picture picture(int width, int height) {
   return p;
 }
 
-// Rows of two cameras, of which the second is the picture's.
+// Rows of two cameras, of which the second belongs to the image.
 std::vector<float> camera_rows(const Camera& camera) {
   std::vector<float> rows(2 * kCameraStride, 1e30f);
   float* const row = rows.data() + kCameraStride;
@@ -93,7 +95,7 @@ std::vector<float> camera_rows(const Camera& camera) {
   return rows;
 }
 
-TEST_CASE("sky: pixels and the gradient of its numbers are those of double precision", "[sky][device]") {
+TEST_CASE("sky: pixels and the gradient of its coefficients agree with double precision", "[sky][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const auto& [width, height] : {std::pair{5, 3}, {16, 16}, {33, 50}, {117, 70}}) {
       INFO(width << " x " << height);
@@ -133,7 +135,7 @@ TEST_CASE("sky: pixels and the gradient of its numbers are those of double preci
   });
 }
 
-TEST_CASE("sky: steps are Adam's from the sum over views; the colour stays within 0 and 1", "[sky][device]") {
+TEST_CASE("sky: Adam steps use the sum over views, and the colour stays between 0 and 1", "[sky][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     constexpr std::uint32_t kViews = 3;
     Buffer<float> state = uploaded(device, std::vector<float>(kSkyState)),
@@ -174,7 +176,7 @@ TEST_CASE("sky: steps are Adam's from the sum over views; the colour stays withi
       CHECK(std::abs(got[q] - value[q]) < kStepError);
       CHECK(std::abs(got[kNumbers + q] - first[q]) < kStepError);
     }
-    // What is not finite stays as it was, and stops the steps after it.
+    // If a gradient is not finite, the coefficients do not change, and later steps are stopped.
     std::vector<float> values(kViews * kNumbers, 0.5f);
     values[4] = std::numeric_limits<float>::quiet_NaN();
     gradient.upload(values);

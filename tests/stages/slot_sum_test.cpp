@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sum over the slots of splats by work-items, against float64: splats with no slot, few and many, in any
-// place of a group; slots of mask 0 hold NaN.
+// Compares the sum over the slots of splats with float64: splats with no, few and many slots at any position
+// in a group. Slots with mask 0 contain NaN.
 #include <cmath>
 #include <limits>
 #include <random>
@@ -18,7 +18,7 @@ struct Slots {
   std::vector<std::uint32_t> counts, offsets;
   std::vector<std::uint16_t> masks;
   std::vector<float> values;
-  std::vector<double> sums, magnitudes;  // of each value of a splat, and of the absolute values
+  std::vector<double> sums, magnitudes;  // sums of each value of a splat, and of the absolute values
 };
 
 Slots random_slots(const std::vector<std::uint32_t>& counts) {
@@ -69,13 +69,13 @@ TEST_CASE("sum over the slots of a splat", "[sum_slots]") {
   std::vector<std::vector<std::uint32_t>> cases{
       {0}, {1}, {64}, {65}, {2500}, {3, 0, 64, 65, 63, 1, 79, 80, 81}, std::vector<std::uint32_t>(100, 66)};
   for (const std::uint32_t wide :
-       {0u, 1u, 15u, 16u, 17u, 31u, 40u}) {  // first and last of a group, both of a warp
+       {0u, 1u, 15u, 16u, 17u, 31u, 40u}) {  // first and last of a group, two in the same warp
     std::vector<std::uint32_t> counts(41, 2);
     counts[wide] = 1000;
     cases.push_back(counts);
   }
   test::for_each_stages([&](Device& device, Stages& stages) {
-    if (stages.config().raster == RasterKind::cpu) return;  // its slots are not gradients yet
+    if (stages.config().raster == RasterKind::cpu) return;  // its slots are not written yet
     for (const std::vector<std::uint32_t>& counts : cases) {
       const Slots slots = random_slots(counts);
       const std::vector<float> found = sums_of(device, stages, slots);

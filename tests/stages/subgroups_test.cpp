@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward of the GPU rasteriser by exchange between lanes: with the device's own where it has one, and with
-// an exchange that is emulated in local memory, gradients are those of the path without to the bit (which is
-// compared with the oracle).
+// Tests the backward pass of the GPU rasteriser with lane exchange, using the functions of the device if it
+// has them, and an emulation in local memory. Gradients must be bit-identical to those without lane exchange,
+// which other tests compare with the oracle.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -33,7 +33,7 @@ std::vector<T> read(Device& device, BufferView<T> view) {
   return values;
 }
 
-// The path: "gpu/exchange.h" or another file in its place. Slots of mask 0 stay as they were.
+// `path` is "gpu/exchange.h" or a file that replaces it. Slots with mask 0 are not changed.
 std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work, const char* exchange,
                                const Options& options) {
   const test::KernelFolder folder;
@@ -51,7 +51,7 @@ std::vector<float> backward_by(OpenclDevice& device, const RasterBackward& work,
   return slots.download();
 }
 
-TEST_CASE("sums by exchange between lanes are those through local memory") {
+TEST_CASE("sums by lane exchange equal those through local memory") {
   const bench::BenchScene scene = bench::synthetic_object(6, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
     CaptureStages stages(ubs::make_stages(*device, {.dim = 6, .raster = RasterKind::gpu}));
@@ -95,7 +95,7 @@ TEST_CASE("sums by exchange between lanes are those through local memory") {
   }
 }
 
-TEST_CASE("lanes exchange values by what the device has, in the language that knows it") {
+TEST_CASE("lane exchange uses the extensions of the device and the matching language version") {
   const char* extensions = "cl_khr_fp64 cl_khr_subgroups cl_khr_il_program";
   const char* features = " __opencl_c_int64 __opencl_c_subgroups __opencl_c_fp64 ";
   CHECK(subgroup_language("OpenCL 3.0 NEO", "", features) == "CL3.0");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tuned constants: the table agrees with the sources, a file is written, applied and, when it is not fit,
-// ignored; tuned kernels give the results of the defaults.
+// Tests tuned constants: the table agrees with the sources, a tuning file is written, used, and ignored if it
+// is unsuitable, and tuned kernels give the results of the defaults.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <regex>
@@ -35,11 +35,11 @@ const DeviceInfo kDevice{.platform = "Platform \"P\"", .name = "Device D", .driv
 
 OpenclDevice& opencl_of(Device& device) { return dynamic_cast<OpenclDevice&>(device); }
 
-TEST_CASE("each default in the table of tuned constants is the kernel's own") {
+TEST_CASE("each default in the table of tuned constants is that of the kernel") {
   for (const TunedConstant& constant : tuned_constants()) {
     INFO(constant.macro << " in " << constant.source);
     const std::string macro(constant.macro);
-    if (constant.source.starts_with("host/")) {  // of launches alone
+    if (constant.source.starts_with("host/")) {  // only used in launches
       const std::string text = get(test::source_folder() / constant.source);
       CHECK(text.find("tuned_value(device.info().tuning, \"" + macro + "\")") != std::string::npos);
       continue;
@@ -51,7 +51,7 @@ TEST_CASE("each default in the table of tuned constants is the kernel's own") {
     CHECK(std::stoul(found[1]) == constant.standard);
     CHECK(std::ranges::any_of(constant.candidates, [&](unsigned v) { return v != constant.standard; }));
     CHECK(!constant.stages.empty());
-    // Used as well as defined.
+    // The macro must also be used, not only defined.
     const std::string rest = found.suffix();
     CHECK(rest.find(macro) != std::string::npos);
   }
@@ -73,7 +73,7 @@ TEST_CASE("every #ifndef default of the tunable kernels is in the table") {
   }
 }
 
-TEST_CASE("a tuning file is found again, by raster kind") {
+TEST_CASE("a tuning file is found again, separately for each kind of rasteriser") {
   const TuningFolder folder;
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
   save_tuning(kDevice, tuned_constants(), RasterKind::cpu, {{"UBS_CHUNK", 32}, {"UBS_SUM_GROUP", 128}});
@@ -86,7 +86,7 @@ TEST_CASE("a tuning file is found again, by raster kind") {
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
-TEST_CASE("the folder of tuning files follows the environment") {
+TEST_CASE("the folder of tuning files depends on the environment") {
   const Variable own("UBS_TUNING_DIR", ""), cache("XDG_CACHE_HOME", "/caches"),
       home("HOME", "/home/somebody");
   CHECK(tuning_file(kDevice).parent_path() == "/caches/ubs");
@@ -130,7 +130,7 @@ TEST_CASE("tuning files that are damaged or of another device are ignored") {
   CHECK(load_tuning(kDevice, tuned_constants()).empty());
 }
 
-TEST_CASE("a device opens with its tuning file and builds with its values") {
+TEST_CASE("a device is opened with its tuning file and builds kernels with its values") {
   const TuningFolder folder;
   const std::vector<DeviceInfo> devices = list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
@@ -143,26 +143,27 @@ TEST_CASE("a device opens with its tuning file and builds with its values") {
     const auto options = opened.tuned({{"opencl/raster_cpu.cl"}, {"-DUBS_VW=16"}}).options;
     CHECK(options == std::vector<std::string>{"-DUBS_VW=16", "-DUBS_CHUNK=32"});
     CHECK(opened.tuned({{"map/adam.cl"}, {}}).options.empty());
-    // What the host has decided stays.
+    // Options that the host has chosen are not changed.
     CHECK(opened.tuned({{"gpu/loss.cl"}, {"-DUBS_LOSS_TILE=64"}}).options.size() == 1);
     save_tuning(devices[i], tuned_constants(), RasterKind::cpu, {});
   }
 }
 
-// The last candidate of each constant, with UBS_TEST_ALL=1 every one, host and kernel: groups and tiles that
-// disagree lose pixels or do not launch. Observed: the same bits but with other tiles of the loss, whose
-// shifts move with them (2.4e-6 of the gradient of the row with the most cancellation), and with other
-// batches of the GPU rasteriser (below 4e-7).
-TEST_CASE("candidates leave the results of a training step as they are") {
+// Tests the last candidate of each constant, or all of them with UBS_TEST_ALL=1. Host and kernel must use the
+// same values: otherwise pixels are lost or launches fail. Observed: results are bit-identical except with
+// other tiles of the loss, whose shifts depend on the tiles (2.4e-6 of the gradient of the row with the most
+// cancellation), and with other batches of the GPU rasteriser (below 4e-7).
+TEST_CASE("candidates do not change the results of a training step") {
   const bench::BenchScene scene = bench::synthetic_object(3, 1500, 70, 50, 1);
   for (const auto& device : opencl_devices_under_test()) {
     OpenclDevice& opened = opencl_of(*device);
     for (const RasterKind raster : {RasterKind::cpu, RasterKind::gpu}) {
       opened.set_tuning({});
       const bench::Parts expected = bench::StepBench(*device, scene, raster).outputs();
-      for (const std::vector<float>& part : expected)  // nothing that would agree with anything
+      for (const std::vector<float>& part : expected)  // not a trivial result
         REQUIRE(std::ranges::any_of(part, [](float v) { return v != 0; }));
-      // The n-th candidates of all constants at once: fewer builds. The last set has the last of each.
+      // Tests the n-th candidates of all constants at the same time, which needs fewer builds. The last set
+      // has the last candidate of each constant.
       for (const std::size_t n :
            test::whole_sweep() ? std::vector<std::size_t>{0, 1, 2, 3, 4} : std::vector<std::size_t>{4}) {
         TuningValues values;
@@ -180,7 +181,7 @@ TEST_CASE("candidates leave the results of a training step as they are") {
   }
 }
 
-TEST_CASE("a value must win by two per cent and three standard errors") {
+TEST_CASE("a value must be better by two per cent and three standard errors") {
   const auto trial = [](double ratio, double uncertainty, const char* note = "") {
     return bench::Trial{.macro = "M", .ratio = ratio, .uncertainty = uncertainty, .note = note};
   };
@@ -189,7 +190,8 @@ TEST_CASE("a value must win by two per cent and three standard errors") {
   CHECK_FALSE(bench::clearly_faster(trial(0.95, 0.02)));
   CHECK_FALSE(bench::clearly_faster(trial(0, 0, "does not run on this device")));
   CHECK(bench::relative_difference({{1, 2}}, {{1, 2}}) == 0);
-  CHECK(bench::relative_difference({{100}, {1}}, {{100}, {2}}) == 0.5);  // no part hides behind a larger one
+  CHECK(bench::relative_difference({{100}, {1}}, {{100}, {2}}) ==
+        0.5);  // a larger part does not hide the error of a smaller one
   CHECK(std::isinf(bench::relative_difference({{1}}, {{1, 2}})));
   CHECK(std::isinf(bench::relative_difference({{0}, {NAN}}, {{0}, {1}})));
 }

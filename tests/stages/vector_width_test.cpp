@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, one lane: GPUs) on the device at
-// hand: a view and its gradient agree with the device's own width up to rounding.
+// Tests the explicit vector widths of other machines (AVX2: 8, NEON and SSE: 4, GPUs: 1) on the available
+// device: a view and its gradient agree with those for the native width up to rounding.
 #include <catch2/catch.hpp>
 
 #include "host/lab/oracle/scenes.hpp"
@@ -21,11 +21,11 @@ std::vector<float> gradient_at_width(std::size_t device_index, unsigned width, c
 }
 
 TEST_CASE("every vector width gives the same gradient", "[stages]") {
-  if (opencl_devices_under_test().empty()) return;  // with CUDA on the host it would be the same once more
+  if (opencl_devices_under_test().empty()) return;  // CUDA on the host would only repeat the same test
   const std::vector<DeviceInfo> devices = opencl::list_devices();
   for (std::size_t i = 0; i < devices.size(); ++i) {
     for (const int dim : {3, 4, 7}) {
-      // N = 4 has all functions and compiles in a third of 7's time.
+      // N = 4 uses all functions and compiles in a third of the time of N = 7.
       if (dim != 4 && !test::whole_sweep()) continue;
       const oracle::Scene scene =
           oracle::regular_scene({.count = 150, .dim = dim, .seed = 11, .width = 45, .height = 38});

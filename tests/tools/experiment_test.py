@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""tools/experiment.py: experiment_test.py UBS [NAME ...]. Most tests run it with a stand-in for `ubs train`, the last
-ones with real trainings of a small scene."""
+"""tools/experiment.py: experiment_test.py UBS [NAME ...]. Most tests use a stand-in for `ubs train`, and the last ones
+run real trainings of a small scene."""
 import importlib.util
 import json
 import os
@@ -124,7 +124,7 @@ class Case(unittest.TestCase):
         return result
 
     def refused(self, code, *arguments):
-        """The one line of an error."""
+        """Returns the only line of an error."""
         result = self.run_script(*arguments, code=code)
         self.assertRegex(result.stderr, r"\Aexperiment\.py: error: [^\n]+\n\Z")
         return result.stderr
@@ -134,7 +134,7 @@ class Case(unittest.TestCase):
         return path.read_text().splitlines() if path.exists() else []
 
     def plan(self, *arguments, spec="e.yaml"):
-        """The runs by name."""
+        """Returns the runs by name."""
         experiment.ask.cache_clear()
         options = experiment.parse([str(self.folder / spec), "--root", str(self.folder / "root"), "--ubs", self.ubs,
                                     "--out", "out", *arguments])
@@ -142,7 +142,7 @@ class Case(unittest.TestCase):
 
 
 class DataSpecs(Case):
-    """What is in data_specs."""
+    """Tests the files in data_specs."""
 
     def load(self, name):
         path = ROOT / "data_specs" / "experiments" / f"{name}.yaml"
@@ -171,8 +171,9 @@ class DataSpecs(Case):
         self.assertEqual(published, 43 + 27 + 24 + 6 + 7)
 
     def test_printed_averages_are_those_of_the_printed_scenes(self):
-        # A typing error in either shows. Printed with two or three digits, they may differ by about a unit: worst
-        # 0.0117 dB (7DGS-PBR). Times, FPS, counts and sizes are not averaged consistently in print.
+        # This detects a typing error in either of them. The printed numbers have two or three digits, so they may
+        # differ by about one unit: at most 0.0117 dB (7DGS-PBR). Printed times, FPS, counts and sizes are not averaged
+        # consistently.
         averages = 0
         for name in ("main_table", "capacity", "n3v"):
             spec = experiment.load_experiment(ROOT / "data_specs" / "experiments" / f"{name}.yaml")
@@ -200,7 +201,7 @@ class DataSpecs(Case):
 
 
 class BadFiles(Case):
-    """What is wrong in a file is named with its place."""
+    """Tests that errors in a file are reported with their position."""
 
     HEAD = "name: e\npublished: {source: s, columns: [psnr, ssim]}\ndata: [{set: set.yaml}]\n"
 
@@ -319,7 +320,7 @@ class Plan(Case):
         self.assertEqual(list(runs), [f"{row}/{place}" for row in "ab" for place in
                                       ("toys/cube", "toys/sphere", "cars/cube")])
         self.assertEqual(runs["a/toys/cube"].data, self.folder / "root/toys/cube")
-        # Another name, directly below the root.
+        # A different name, directly below the root.
         self.assertEqual(runs["a/toys/sphere"].data, self.folder / "root/kugel")
         self.assertIsNone(runs["a/cars/cube"].data)  # root/cube may be that of either set
         self.assertIn("root/cars/cube", runs["a/cars/cube"].reason)
@@ -359,13 +360,13 @@ class Plan(Case):
         self.assertEqual((quarter.settings["downscale"], quarter.width), (8, 20))
         self.assertEqual([quarter.settings[key] for key in ("cap_max", "init_points", "iterations")], [63, 50, 100])
         self.assertEqual(quarter.published["iterations"], 400)
-        for published, factor in ((640, 1), (2000, 1), (320, 2)):  # reduced before
+        for published, factor in ((640, 1), (2000, 1), (320, 2)):  # already reduced
             put(self.folder / "set.yaml", SET.replace("width: 80", f"width: {published}"))
             self.assertEqual(scaled(4).settings["downscale"], factor)
 
 
 class Run(Case):
-    """With a stand-in for training."""
+    """Tests with a stand-in for training."""
 
     def setUp(self):
         super().setUp()
@@ -404,7 +405,7 @@ class Run(Case):
         again = self.table("--resume", "--set", "iterations=401")
         self.assertEqual(again["runs"][0]["record"]["identity"]["settings"]["iterations"], 401)
         self.assertEqual(self.starts(), 4)
-        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # which decides nothing
+        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # which has no effect
         self.assertEqual(self.starts(), 4)
         self.table("--overwrite")
         self.assertEqual(self.starts(), 6)
@@ -431,10 +432,10 @@ class Run(Case):
             before = self.starts()
             self.assertEqual(self.table("--resume")["runs"][0]["ours"]["psnr"], 31)
             self.assertEqual(self.starts(), before + 1)
-        put(self.results("cube") / "checkpoint.ubs", "state")  # all is there except the renders
+        put(self.results("cube") / "checkpoint.ubs", "state")  # everything exists except the renders
         self.table("--resume")
         self.assertIn("--resume ", self.lines("starts")[-1])
-        # What a failed training of other settings left is not their result.
+        # Files of a failed training with other settings are not used as results.
         self.scene("cube", "fail")
         self.table("--resume", "--set", "iterations=401", code=6)
         self.scene("cube", "train", 32)
@@ -462,9 +463,9 @@ class Run(Case):
         self.assertNotIn("lpips", self.lines("evals")[0])
         text = (self.folder / "out/e/table.md").read_text()
         self.assertIn("| FPS | paper |", text)
-        self.assertNotIn("LPIPS", text)  # neither we nor this table's paper have it
+        self.assertNotIn("LPIPS", text)  # neither measured here nor in the paper of this table
 
-        # With weights the kept runs are measured again, not trained again.
+        # With weights, the existing runs are measured again, but not trained again.
         self.assertIn("w.safetensors: no such file", self.refused(3, "--resume", "--lpips-weights", "w.safetensors"))
         put(self.folder / "w.safetensors", "")
         put(self.folder / "root/toys/sphere/broken", "")
@@ -505,7 +506,7 @@ class Run(Case):
         self.assertIn("a.toys.cube", runs[0]["reason"])
 
     def test_an_interruption_ends_the_running_training_in_order_and_can_be_resumed(self):
-        # The next run continues, starts anew if the checkpoint is refused, and leaves it after other errors.
+        # The next run resumes, restarts if the checkpoint is rejected, and keeps it after other errors.
         for number, following in ((signal.SIGINT, "train"), (signal.SIGTERM, "stale"), (signal.SIGINT, "full")):
             with self.subTest(following=following):
                 (self.folder / "starts").unlink(missing_ok=True)
@@ -525,7 +526,7 @@ class Run(Case):
                 self.assertIn("--resume ", (self.folder / "starts").read_text())
                 self.assertEqual(self.starts(), 4 if following == "stale" else 3)
                 self.assertEqual((folder / "checkpoint.ubs").exists(), following == "full")
-                if following == "full":  # with other settings it is not continued
+                if following == "full":  # with other settings it is not resumed
                     self.scene("cube", "train", 31)
                     self.table(*out, "--resume", "--set", "iterations=401")
                     self.assertIn("--out ", self.lines("starts")[-2])
@@ -535,7 +536,7 @@ class Run(Case):
         text, csv = [(self.folder / f"out/e/table.{suffix}").read_text() for suffix in ("md", "csv")]
         means = table["means"][0]["metrics"]
         self.assertEqual(means["psnr"], {"ours": 25.625, "published": 25.25, "difference": 0.375})
-        self.assertEqual(means["minutes"], {"ours": 2, "published": 1, "difference": 1})  # over cube, which has both
+        self.assertEqual(means["minutes"], {"ours": 2, "published": 1, "difference": 1})  # for cube, which has both
         self.assertEqual(means["ssim"], {"ours": 0.5, "published": None, "difference": None})
         self.assertEqual(table["published_averages"], {"a/toys": {"psnr": 25.25}})
         self.assertEqual(table["runs"][1]["settings"]["cap_max"], 2000)
@@ -554,7 +555,7 @@ class Run(Case):
         self.assertIn("a,toys,average,done,minutes,2,1,1\n", csv)
         self.assertEqual(csv.splitlines()[0], "row,dataset,scene,state,metric,ours,published,difference")
 
-        # One scene fails: the mean of the other is not compared with the paper's mean over both.
+        # If one scene fails, the mean of the other is not compared with the mean of the paper over both.
         self.scene("cube", "fail")
         table = self.table("--overwrite", code=6)
         text = (self.folder / "out/e/table.md").read_text()
@@ -580,7 +581,7 @@ class Run(Case):
         self.assertIn("a/toys/cube: 2.000 h, root/toys/cube, 80 px wide, 400 iterations\n", text)
         self.assertIn("a/toys/sphere: time unknown: ended by signal 11; see ", text)
         self.assertIn("wrong/toys/cube: failed: far_plane = 4 must be larger", text)
-        self.assertIn("\n4.000 hours as planned", text)
+        self.assertIn("\nestimated total: 4.000 hours", text)
         self.scene("sphere", "fail")
         self.assertIn("a/toys/sphere: time unknown: boom\n", self.run_script("--dry-run").stdout)
         self.assertFalse((self.folder / "out").exists())
@@ -610,7 +611,7 @@ class Run(Case):
 
 
 class Real(Case):
-    """With real trainings."""
+    """Tests with real trainings."""
 
     def setUp(self):
         super().setUp()
@@ -657,7 +658,7 @@ class Real(Case):
         def rows():
             return len(self.lines("out/e/runs/short.toys.shiny/log.csv"))
 
-        for number in (signal.SIGTERM, signal.SIGINT):  # the second training goes on with the first one
+        for number in (signal.SIGTERM, signal.SIGINT):  # the second training resumes the first one
             before = rows()
             process = subprocess.Popen(self.command(*arguments, "--set", "iterations=100000"), cwd=self.folder,
                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -678,12 +679,12 @@ class Real(Case):
         self.assertRegex(text, r"short/toys/shiny: 0\.\d+ h, root/shiny, 32 px wide, 30000 iterations\n")
         self.assertIn("short/toys/dull: no data", text)
         self.assertIn("wrong/toys/shiny: failed: far_plane", text)
-        self.assertNotIn("\n0.000 hours as planned", text)
+        self.assertNotIn("\nestimated total: 0.000 hours", text)
         self.assertFalse((self.folder / "out").exists())
 
 
 class Settings(Case):
-    """What the script asks of the executable."""
+    """Tests the requirements of the script on the executable."""
 
     def test_printed_settings_are_a_file_of_settings(self):
         def printed(*arguments):

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Learnt exposure and white balance: photographs of unequal exposure train as well as equal ones; the fit of
-// a held-out image.
+// Tests learnt exposure and white balance: training on photographs with unequal exposures reaches the quality
+// of equal exposures. Also tests the fit to a held-out image.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -11,7 +11,7 @@
 namespace ubs {
 namespace {
 
-// As a camera would have taken the image with 2^stops of the light.
+// Returns the image as a camera would have taken it with 2^stops of the light.
 void expose(Image8& image, double stops) {
   for (std::uint8_t& byte : image.rgb) {
     const double value = byte / 255.0;
@@ -22,7 +22,7 @@ void expose(Image8& image, double stops) {
   }
 }
 
-// Exposures from -1 to 1 in equal steps, in no order.
+// Exposures from -1 to 1 in equal steps, in a random order.
 void bracket(Split& split) {
   const std::size_t count = split.views.size();
   for (std::size_t i = 0; i < count; ++i)
@@ -35,7 +35,8 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
   test::Data uneven = plain;
   bracket(uneven.train);
   for (const auto& device : test::devices_under_test()) {
-    // Rates of a short run (data_specs/fast.yaml). N = 3: with 6, splats take on the exposure of their views.
+    // Learning rates of a short run (data_specs/fast.yaml). N = 3, because with N = 6 splats learn the
+    // exposure of their views.
     TrainSettings settings = test::short_run(3, 1500, 1500);
     settings.lr_cooldown = 0.15;
     settings.lr_xyz_final = 4e-5;
@@ -44,21 +45,22 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
     settings.lr_beta = 0.01;
     const double best = test::train(*device, settings, plain).test.mean.psnr;
     const double without = test::train(*device, settings, uneven).test.mean.psnr;
-    CHECK(without < best - 1);  // 1.6 dB worse
+    CHECK(without < best - 1);  // without appearance: 1.6 dB worse
     for (const bool affine : {false, true}) {
       settings.appearance = affine ? Appearance::affine : Appearance::gain;
       const Metrics with = test::train(*device, settings, uneven).test;
       INFO(static_cast<int>(settings.appearance)
            << ": " << best << " even, " << without << " without, " << with.mean.psnr << " with, fitted "
            << with.mean.fitted->psnr);
-      // Gains alone do not follow the camera's curve, nor where it saturates: 0.5 dB.
+      // Gains alone can reproduce neither the response curve of the camera nor its saturation: 0.5 dB.
       CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
       CHECK(with.mean.fitted->psnr > best - (affine ? 0.1 : 0.4));
     }
   }
 }
 
-TEST_CASE("appearance: the fit finds the map of an image, and holds what it does not show", "[appearance]") {
+TEST_CASE("appearance: the fit finds the map of an image, and keeps what the image does not determine",
+          "[appearance]") {
   RenderedView view{64, 8, {}, {}, {}};
   PhotographPixels photograph{std::vector<std::uint8_t>(3 * 512), std::vector<std::uint8_t>(512, 1)};
   const std::array<std::array<double, 4>, 3> rows{

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Refined cameras: moves and gauge, fitting a pose to a known model, training from poses that are off, and
-// the files that a run leaves.
+// Tests refined cameras: moves and gauge, fitting a pose to a known model, training with inaccurate poses,
+// and the files that a run writes.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -57,7 +57,8 @@ TEST_CASE("moves of a camera keep the pivot, and the gauge takes a similarity aw
     const Vec3 back = turn_of(rotation_by(w));
     CHECK(length(back - w) < 1e-7);
   }
-  // The point at depth 2.5 on the axis stays in the middle of the picture; with shifts it moves by those.
+  // The point at depth 2.5 on the axis stays in the centre of the image. Translations move it by the same
+  // amount.
   const CameraMove move{0.1, -0.2, 0.3, 0.01, 0.02, -0.03, 0.1, 0.2, 0.05, -0.04};
   const Camera next = moved(camera, move, 2.5);
   const CameraMove between = pose_move(camera, next, 2.5);
@@ -74,7 +75,7 @@ TEST_CASE("moves of a camera keep the pivot, and the gauge takes a similarity aw
   std::vector<Camera> given, seen;
   for (int i = 0; i < 6; ++i) given.push_back(oracle::ring_camera({.dim = 6}, i));
   const RotationMatrix turn = rotation_by({0.02, -0.03, 0.01});
-  for (Camera c : given) {  // of the world turned, scaled by 1.1 and shifted
+  for (Camera c : given) {  // for the world rotated, scaled by 1.1 and translated
     Vec3 centre{};
     RotationMatrix r{};
     const Vec3 from = c.centre();
@@ -117,14 +118,14 @@ TEST_CASE("a pose is fitted to a known model", "[cameras]") {
     CHECK(length(away) < 3e-4);  // of 0.06; worst observed 1.5e-4, PoCL
     CHECK(found.deviation.centre > 0);
     CHECK(found.deviation.centre < 2e-3);
-    // Of a pose that is left as it is.
+    // Deviation of a pose that is not fitted.
     const FittedCamera left = fit_camera(drawing, photograph, off.views[0].camera, 3, false);
     CHECK(left.camera.translation == off.views[0].camera.translation);
     CHECK(left.deviation.turn > found.deviation.turn);  // its residuals are larger
   }
 }
 
-TEST_CASE("training refines poses and focal lengths that are off", "[cameras]") {
+TEST_CASE("training refines inaccurate poses and focal lengths", "[cameras]") {
   const test::Data truth = test::synthetic("glossy", 64, 24);
   test::Data off = truth;
   const double extent = scene_extent(truth.train.views);
@@ -161,7 +162,7 @@ TEST_CASE("training refines poses and focal lengths that are off", "[cameras]") 
     INFO(device->info().name << ": turn " << after.turn / before.turn << ", centre "
                              << after.centre / before.centre << " of the perturbation; " << without
                              << " dB without, " << metrics.mean.posed->psnr << " dB from fitted poses");
-    // Observed on PoCL: 0.40, 0.30; 18.3 and 25.1 dB. Parallax is small in images of 64 pixels.
+    // Observed on PoCL: 0.40, 0.30; 18.3 and 25.1 dB. The parallax is small in images of 64 pixels.
     CHECK(after.turn < 0.6 * before.turn);
     CHECK(after.centre < 0.45 * before.centre);
     CHECK(metrics.mean.posed->psnr > without + 4);

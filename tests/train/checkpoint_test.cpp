@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checkpoints: a continued run gives the bits of one that was never interrupted, wherever it was cut; files
-// that are not what they were are refused; a write that fails leaves the file before it.
+// Tests checkpoints: a resumed run is bit-identical to an uninterrupted one, wherever it was interrupted.
+// Modified files are rejected, and a failed write keeps the previous file.
 #include "host/train/checkpoint.hpp"
 
 #include <sys/resource.h>
@@ -57,7 +57,7 @@ Checkpoint checkpoint_of(const TrainSettings& settings, TrainState state) {
   return c;
 }
 
-TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninterrupted one", "[checkpoint]") {
+TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninterrupted one", "[checkpoint]") {
   const Data data = synthetic("glossy", 32, 7);
   const TempFolder folder;
   for (const auto& device : devices_under_test()) {
@@ -111,7 +111,7 @@ TEST_CASE("checkpoint: a run continued at any point gives the bits of an uninter
   }
 }
 
-TEST_CASE("checkpoint: states are handed out when they are due, and a failed write keeps the one before",
+TEST_CASE("checkpoint: states are passed when they are due, and a failed write keeps the previous one",
           "[checkpoint]") {
   const Data data = synthetic("glossy", 16, 3);
   const TempFolder folder;
@@ -121,7 +121,7 @@ TEST_CASE("checkpoint: states are handed out when they are due, and a failed wri
     std::vector<int> saved;
     trainer.on_state({20, 0, [&](const TrainState& state) { saved.push_back(state.iteration); }});
     run_to(trainer, 60);
-    CHECK(saved == std::vector<int>{20, 40});  // not the last one: the model is written then
+    CHECK(saved == std::vector<int>{20, 40});  // not at the last iteration, when the model is written
     saved.clear();
     Trainer timed(*device, settings, data.train, kNone, start(settings));
     timed.on_state({0, 1e-9, [&](const TrainState& state) { saved.push_back(state.iteration); }});
@@ -136,7 +136,7 @@ TEST_CASE("checkpoint: states are handed out when they are due, and a failed wri
     rlimit limit{};
     getrlimit(RLIMIT_FSIZE, &limit);
     const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-    const rlimit small{10'000, limit.rlim_max};  // as a full disk: writing stops somewhere
+    const rlimit small{10'000, limit.rlim_max};  // like on a full disk, writing stops somewhere
     setrlimit(RLIMIT_FSIZE, &small);
     const std::string message = message_of([&] { write_checkpoint(path, c); });
     setrlimit(RLIMIT_FSIZE, &limit);
@@ -201,7 +201,7 @@ TEST_CASE("checkpoint: truncated, damaged and foreign files are refused", "[chec
   CHECK_THAT(refused(empty_header), Catch::Contains("header"));
 }
 
-TEST_CASE("checkpoint: other settings and data are told apart", "[checkpoint]") {
+TEST_CASE("checkpoint: different settings and data are detected", "[checkpoint]") {
   const TrainSettings stored;
   TrainSettings wanted = stored;
   wanted.save_renders = 3;
@@ -234,7 +234,7 @@ TEST_CASE("checkpoint: other settings and data are told apart", "[checkpoint]") 
   }
 }
 
-// Gives its image, but not always.
+// A source that sometimes fails to return its image.
 class MoodySource final : public ImageSource {
  public:
   MoodySource(Image8 image, std::vector<int> failures)
@@ -252,8 +252,9 @@ class MoodySource final : public ImageSource {
   mutable std::atomic<int> calls_{0};
 };
 
-TEST_CASE("checkpoint: an image that fails once is read again, one that fails twice leaves the state whole",
-          "[checkpoint]") {
+TEST_CASE(
+    "checkpoint: an image that fails once is read again, and if it fails twice the state stays consistent",
+    "[checkpoint]") {
   Data data = synthetic("glossy", 16, 4);
   for (const auto& device : devices_under_test()) {
     const TrainSettings settings = short_run(3, 12, 200);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Settings of fast runs: what they contain for so many iterations, that they are settings like any other, and
-// what pictures say about them.
+// Tests the settings of fast runs: their values for a number of iterations, that they can be written and read
+// like any other settings, and how they depend on the images.
 #include "host/train/fast_settings.hpp"
 
 #include <catch2/catch.hpp>
@@ -23,7 +23,7 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
       INFO(iterations << " iterations, " << points << " points");
       validate(s);
       CHECK(s.iterations == iterations);
-      // From random places splats go as far in few iterations as in many.
+      // From random positions, splats must move as far in few iterations as in many.
       if (points > 0) CHECK(s.lr_xyz == 1.6e-4);
       if (points == 0 && iterations >= 2000 && iterations < 20000) CHECK(s.lr_xyz * iterations == Approx(5));
       CHECK((s.lr_xyz <= 3e-3 && s.lr_xyz >= 1.6e-4));
@@ -53,8 +53,8 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   CHECK(s.refine.step == 900);
   CHECK(s.init_points == 4000);
   CHECK(fast_settings_for(fast_settings(), 2000, 0, {.random_points = 700}).init_points ==
-        700);  // no more than pictures can show
-  // Directions of an object alone stay wide, however long.
+        700);  // no more splats than the images can show
+  // For a single object, the direction betas stay wide for runs of any length.
   CHECK(fast_settings_for(fast_settings(), 16000, 9000, {.lone_object = true}).beta_dir_init == -3);
   CHECK(fast_settings_for(fast_settings(), 16000, 9000).beta_dir_init > -0.3);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
@@ -72,7 +72,7 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   CHECK(longer.pyramid == "2:0.5");
 }
 
-TEST_CASE("fast settings: what somebody has set stays, whatever its value") {
+TEST_CASE("fast settings: values chosen by the user are kept") {
   TrainSettings given = fast_settings();
   given.dim = 7;
   given.variant.conditioning = Conditioning::direct;
@@ -92,8 +92,7 @@ TEST_CASE("fast settings: what somebody has set stays, whatever its value") {
   CHECK(free.refine.step > given.refine.step);
 }
 
-TEST_CASE("fast settings: rates of the direct form fall sooner where things move and nobody chose",
-          "[schedule]") {
+TEST_CASE("fast settings: default rates of the direct form fall earlier in dynamic scenes", "[schedule]") {
   const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = fast_settings();
     settings.dim = dim;
@@ -110,7 +109,7 @@ TEST_CASE("fast settings: rates of the direct form fall sooner where things move
   CHECK(fast_run_splats(2000, 0, true) == 20000);
 }
 
-TEST_CASE("fast settings: what pictures say about them", "[schedule]") {
+TEST_CASE("fast settings: dependence on the images", "[schedule]") {
   const auto facts_of = [](bool plain, bool opaque, std::size_t views = 2) {
     View view;
     view.camera.width = view.camera.height = 10;
@@ -131,7 +130,7 @@ TEST_CASE("fast settings: what pictures say about them", "[schedule]") {
   CHECK_FALSE(facts_of(true, true).few_photographs);
 }
 
-TEST_CASE("background: what is behind opaque images", "[schedule]") {
+TEST_CASE("background: default for opaque images", "[schedule]") {
   const auto settled = [](TrainSettings settings, bool opaque) {
     View view;
     view.camera.width = view.camera.height = 10;
@@ -148,7 +147,7 @@ TEST_CASE("background: what is behind opaque images", "[schedule]") {
   TrainSettings settings;
   const TrainSettings photographs = settled(settings, true);
   CHECK(photographs.random_background == RandomBackground::on);
-  CHECK(photographs.background.colour == std::array<double, 3>{0.5, 1, 1});  // their mean
+  CHECK(photographs.background.colour == std::array<double, 3>{0.5, 1, 1});  // their mean colour
   const TrainSettings transparent = settled(settings, false);
   CHECK(transparent.random_background == RandomBackground::off);
   CHECK(transparent.background == Background{});
@@ -183,9 +182,8 @@ TEST_CASE("fast settings: at the end the rates fall to zero", "[schedule]") {
 }
 
 TEST_CASE(
-    "data_specs: published.yaml is the defaults but for first splats, conditioning, unit and background, "
-    "fast.yaml what "
-    "a budget starts from",
+    "data_specs: published.yaml has the defaults except for initial splats, conditioning, unit and "
+    "background, and fast.yaml the initial settings of a budget",
     "[schedule]") {
   const auto text_of = [](TrainSettings settings, std::string_view without) {
     std::string text;

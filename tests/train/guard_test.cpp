@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training guard: values that are not finite, put into parameters and moments between steps or made by
-// extreme splats, are noticed, named, and answered as settings.on_nan says; without them it changes nothing.
+// Tests the training guard. Values that are not finite are written into parameters and moments between steps,
+// or are caused by extreme splats. The guard must detect and report them, and react according to
+// settings.on_nan. If all values are finite, it must not change the results.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
@@ -32,7 +33,7 @@ TrainSettings guarded(OnNan on_nan) {
   return settings;
 }
 
-// Writes a value into row `row` of splat `splat`, where the trainer has it.
+// Writes a value into row `row` of splat `splat` in the memory of the trainer.
 void poison(Device& device, Trainer& trainer, int row, std::uint32_t splat, float value) {
   const SplatView view = trainer.device_model().view();
   const std::size_t at = static_cast<std::size_t>(row) * view.stride + splat;
@@ -40,12 +41,12 @@ void poison(Device& device, Trainer& trainer, int row, std::uint32_t splat, floa
 }
 
 struct Run {
-  std::vector<std::string> warnings;  // after which it went on
-  std::string message;                // of the error that ended it
+  std::vector<std::string> warnings;  // of the findings after which training continued
+  std::string message;                // of the error that ended the training
   TrainState end;
 };
 
-// Runs to the end; `meddle` is called after each iteration.
+// Runs the training to its end, and calls `meddle` after each iteration.
 template <typename Meddle>
 Run run(Trainer& trainer, const Meddle& meddle) {
   Run result;
@@ -62,7 +63,7 @@ Run run(Trainer& trainer, const Meddle& meddle) {
   return result;
 }
 
-TEST_CASE("guard: without anything to find the results are the same bits", "[guard]") {
+TEST_CASE("guard: if all values are finite, results are bit-identical", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device)) {
@@ -103,7 +104,7 @@ TEST_CASE("guard: stop names splat, iteration and stage", "[guard]") {
     }
 }
 
-// Finite parameters whose gradient is not, with LenientKernels: colours of 1e38, whose squares SSIM takes.
+// With LenientKernels: finite parameters whose gradient is not finite, because SSIM squares colours of 1e38.
 void make_glaring(Device& device, Trainer& trainer, const Camera& camera, std::uint32_t splat) {
   const std::array<double, 3> centre = camera.centre();
   for (int c = 0; c < 3; ++c)
@@ -133,7 +134,7 @@ TEST_CASE("guard: a gradient that is not finite is traced to its stage and view"
   }
 }
 
-// Makes one value of what an operation writes not finite.
+// Sets one value of the output of an operation to NaN.
 class Spoiler final : public Stages {
  public:
   Spoiler(Device& device, Stages& stages, std::size_t operation)
@@ -196,7 +197,7 @@ TEST_CASE("guard: the first stage whose output is not finite is named, on each r
     }
 }
 
-TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[guard]") {
+TEST_CASE("guard: drop kills the splat and continues to a finite model", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::drop);
@@ -213,7 +214,7 @@ TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[gu
     CHECK(result.end.iteration == kIterations);
     CHECK(is_finite(result.end));
 
-    // More than can be an accident.
+    // More splats than can be accidental.
     Trainer worse(*device, settings, data.train, kNone, start(settings));
     const Run stopped = run(worse, [&](int iteration) {
       if (iteration == 20)
@@ -223,8 +224,8 @@ TEST_CASE("guard: drop makes the splat dead and goes on to a finite model", "[gu
   }
 }
 
-// Otherwise a run that goes back a few iterations refines them twice.
-TEST_CASE("guard: cameras are refined when what came before is known to be finite", "[guard]") {
+// Otherwise, a run that goes back a few iterations would refine the cameras twice.
+TEST_CASE("guard: cameras are only refined after earlier iterations have been checked", "[guard]") {
   const Data data = synthetic("glossy", 64, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, kIterations, 300);
@@ -254,7 +255,7 @@ TEST_CASE("guard: cameras are refined when what came before is known to be finit
   }
 }
 
-TEST_CASE("guard: rollback goes on from the last state, leaves the view out once, and gives up in the end",
+TEST_CASE("guard: rollback continues from the last state, skips the view once, and finally gives up",
           "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   const test::LenientKernels kernels;
@@ -282,7 +283,7 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
     CHECK(is_finite(result.end));
     CHECK(states >= 3);
 
-    Trainer again(*device, settings, data.train, kNone, start(settings));  // poisoned whenever it comes by
+    Trainer again(*device, settings, data.train, kNone, start(settings));  // gives NaN whenever it is used
     const Run stopped = run(again, [&](int iteration) {
       if (iteration == 25) poison(*device, again, 0, 3, kNan);
     });
@@ -291,7 +292,7 @@ TEST_CASE("guard: rollback goes on from the last state, leaves the view out once
   }
 }
 
-TEST_CASE("guard: moments that overflow are found, and a batch as well", "[guard]") {
+TEST_CASE("guard: overflowing moments are detected, also in a batch", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::stop);
@@ -303,7 +304,7 @@ TEST_CASE("guard: moments that overflow are found, and a batch as well", "[guard
       state.moment2[17 * state.model.count + 200] = kInf;
       trainer.restore(state);
     });
-    // Which of the three views it was is not known: none is named.
+    // It is unknown which of the three views caused it, so the message contains none.
     CHECK(test::contains(result.message, "not finite at iteration 11, stage adam, splat 200"));
   }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plans: what is counted is what happens (splats, memory, intersections of a scene that does not change),
-// what is expected is near it, and what does not fit is refused with the numbers. Times are not tested.
+// Tests plans: counted values are exact (splats, memory, intersections of a scene that does not change),
+// estimates are close to actual values, and plans that do not fit are rejected with the numbers. Times are
+// not tested.
 #include "host/train/plan.hpp"
 
 #include <catch2/catch.hpp>
@@ -21,8 +22,8 @@ using test::short_run;
 using test::start;
 using test::synthetic;
 
-// method.md 4.3: 244 refinements, the paper's numbers of splats.
-TEST_CASE("schedule: the published one, and one of a tenth of its length", "[plan]") {
+// As in method.md 4.3: 244 refinements, and the numbers of splats of the paper.
+TEST_CASE("schedule: the published one, and one with a tenth of its length", "[plan]") {
   TrainSettings settings;
   settings.cap_max = 10'000'000;
   settings = resolve_automatic(settings);
@@ -45,7 +46,8 @@ TEST_CASE("schedule: the published one, and one of a tenth of its length", "[pla
   CHECK(published.appearance_rate(0, 250) == Approx(0.05));
   CHECK(published.appearance_rate(0, 5'000) == Approx(0.1));
   CHECK(published.appearance_rate(30'000, 250) == Approx(0.0005));
-  // Constant terms of harmonics and lobes learn like colours, the other harmonics at a twentieth.
+  // The learning rate of constant terms of harmonics and lobes is that of colours. The other harmonics have a
+  // twentieth of it.
   TrainSettings colours = settings;
   colours.lr_rgb = 0.004;
   for (const ColourMode mode : {ColourMode::sh2, ColourMode::sb2}) {
@@ -91,7 +93,8 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
   }
 }
 
-TEST_CASE("plan: intersections and memory of a scene that stands still are those of its training", "[plan]") {
+TEST_CASE("plan: intersections and memory of a scene that does not change are those of its training",
+          "[plan]") {
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device)) {
       const bench::BenchScene scene = bench::synthetic_object(6, 5000, 100, 80, 5);
@@ -155,7 +158,7 @@ TEST_CASE("plan: the stages and programs of a growing scene", "[plan]") {
   }
 }
 
-TEST_CASE("plan: what is learnt beside the splats does not stand in its way", "[plan]") {
+TEST_CASE("plan: supports training with learnt backgrounds, appearance and cameras", "[plan]") {
   const Data data = synthetic("glossy", 48, 6);
   for (const auto& device : devices_under_test())
     for (const int what : {0, 1, 2}) {
@@ -170,7 +173,7 @@ TEST_CASE("plan: what is learnt beside the splats does not stand in its way", "[
     }
 }
 
-TEST_CASE("plan: there is room for what few iterations end with", "[plan]") {
+TEST_CASE("plan: the capacity suffices for the end of a short run", "[plan]") {
   const Data data = synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 60, 300);
@@ -184,7 +187,8 @@ TEST_CASE("plan: there is room for what few iterations end with", "[plan]") {
   }
 }
 
-TEST_CASE("plan: what does not fit is refused with the numbers, before anything is allocated", "[plan]") {
+TEST_CASE("plan: a plan that does not fit is rejected with the numbers before anything is allocated",
+          "[plan]") {
   const Data data = synthetic("glossy", 16, 3);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = short_run(6, 400, 100);
@@ -210,11 +214,11 @@ TEST_CASE("plan: what does not fit is refused with the numbers, before anything 
   }
 }
 
-TEST_CASE("plan: drawing a model", "[plan]") {
+TEST_CASE("plan: rendering a model", "[plan]") {
   for (const auto& device : devices_under_test()) {
     const bench::BenchScene scene = bench::synthetic_object(7, 4000, 90, 70, 4);
     TrainSettings settings;
-    settings.dim = 6;  // the model decides
+    settings.dim = 6;  // depends on the model
     const std::uint64_t before = device->allocated_bytes();
     device->reset_peak();
     const RunPlan plan = plan_rendering(*device, settings, scene.views, scene.model, true);
@@ -229,7 +233,7 @@ TEST_CASE("plan: drawing a model", "[plan]") {
   }
 }
 
-TEST_CASE("plan: drawing a model of several dimensions", "[plan]") {
+TEST_CASE("plan: rendering a model with several dimensions", "[plan]") {
   for (const auto& device : devices_under_test()) {
     const bench::BenchScene scene = bench::synthetic_object(6, 3000, 90, 70, 4);
     const SplatModel flat = bench::synthetic_object(3, 1000, 90, 70, 4).model;

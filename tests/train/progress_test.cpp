@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress lines on a simulated clock: one in ten seconds, however many iterations these are, and the time
-// that is left.
+// Tests progress lines with a simulated clock: one line every ten seconds, for any number of iterations, and
+// the remaining time.
 #include "tools/common/progress.hpp"
 
 #include <catch2/catch.hpp>
@@ -30,7 +30,7 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
     });
     INFO(each << " s a step\n" << text);
     const auto lines = std::count(text.begin(), text.end(), '\n');
-    // Updates come every 10 iterations; a line is due when 10 s are over since the last.
+    // Updates come every 10 iterations. A line is due 10 s after the last one.
     const double between = std::max(10 * each, std::ceil(10 / (10 * each)) * 10 * each);
     CHECK(lines == static_cast<long>(1000 * each / between + 1e-9));
     CHECK(text.find('\r') == std::string::npos);
@@ -38,7 +38,7 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
   }
 }
 
-TEST_CASE("progress: the time left is the run's own, or follows from its rate", "[time]") {
+TEST_CASE("progress: the remaining time is that of the run, or follows from its rate", "[time]") {
   test::SimulatedTime time;
   const std::string text = test::on_stderr([&] {
     tools::Progress progress(1000, false, time);
@@ -48,7 +48,7 @@ TEST_CASE("progress: the time left is the run's own, or follows from its rate", 
     StepReport budgeted = report_at(600, 40);
     budgeted.seconds_left = 7;
     progress.update(budgeted);
-    time.advance(600);  // a stop
+    time.advance(600);  // a pause
     progress.update(report_at(601, 640));
   });
   CHECK(text.find("400/1000  20.0 it/s  loss 0.2500  50 splats  ETA 30 s\n") != std::string::npos);
@@ -56,7 +56,7 @@ TEST_CASE("progress: the time left is the run's own, or follows from its rate", 
   CHECK(text.find("601/1000  0.0 it/s") != std::string::npos);
 }
 
-TEST_CASE("progress: what is counted has a line every ten seconds too", "[time]") {
+TEST_CASE("progress: counters also print a line every ten seconds", "[time]") {
   test::SimulatedTime time;
   const std::string text = test::on_stderr([&] {
     tools::CountProgress progress(100, "frames", false, time);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training on reduced images first: the schedule, the reduction against an independent computation, and runs
-// that are cut on both sides of a change of level.
+// Tests training that starts with reduced images: the schedule, the reduction compared with an independent
+// computation, and runs that are interrupted before and after a change of the level.
 #include "host/train/pyramid.hpp"
 
 #include <catch2/catch.hpp>
@@ -56,19 +56,19 @@ TEST_CASE("pyramid: levels follow from settings and sizes", "[pyramid]") {
   CHECK(three == Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   for (const auto& [iteration, factor] : {std::pair{1, 4}, {200, 4}, {201, 2}, {500, 2}, {501, 1}, {1000, 1}})
     CHECK(factor_at(three, WorkShare(with("", 1000)), iteration) == factor);
-  // Small images are reduced less; levels that become equal are one.
+  // Small images are reduced less, and equal levels are merged.
   CHECK(pyramid_levels(with("8:0.1,4:0.2,2:0.5", 1000), views_of(300, 256)) ==
         Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1}});
-  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // one iteration is nearest to half of it
+  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // half of it is rounded to one iteration
   for (const char* wrong : {"2", "2:", "2:0.5,", "2:0.5,4:0.7", "4:0.5,2:0.2", "2:0", "2:1", "1:0.5",
                             "65:0.5", "2.5:0.5", "2:nan", ":0.5", "2:0.5;1:0.7", "2:0.5x"})
     CHECK(message_of([&] { validate(with(wrong, 100)); }, ErrorKind::usage).find("pyramid") !=
           std::string::npos);
 }
 
-TEST_CASE("pyramid: an image is reduced to the means of its squares", "[pyramid]") {
+TEST_CASE("pyramid: an image is reduced to the means of square blocks", "[pyramid]") {
   for (const bool masked : {false, true})
     for (const int factor : {2, 3, 4}) {
       const Image8 image = noisy(31, 22, masked), small = reduced(image, factor);
@@ -103,7 +103,7 @@ TEST_CASE("pyramid: an image is reduced to the means of its squares", "[pyramid]
     }
 }
 
-// A pixel of the reduced camera looks where the middle of its square does.
+// A pixel of the reduced camera has the direction of the centre of its block.
 TEST_CASE("pyramid: a reduced camera sees the same", "[pyramid]") {
   Camera camera;
   camera.width = 401;
@@ -121,7 +121,7 @@ TEST_CASE("pyramid: a reduced camera sees the same", "[pyramid]") {
     CHECK((row - small.cy) / small.fy == Approx((4 * row - camera.cy) / camera.fy).epsilon(1e-14));
 }
 
-TEST_CASE("pyramid: a run continued on any level gives the bits of an uninterrupted one", "[pyramid]") {
+TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrupted one", "[pyramid]") {
   const Data data = synthetic("glossy", 144, 5);
   for (const auto& device : devices_under_test())
     for (const bool masked : {false, true}) {
@@ -154,7 +154,7 @@ TEST_CASE("pyramid: a run continued on any level gives the bits of an uninterrup
         first.run([&](const StepReport& report) { return report.iteration < cut; });
         Trainer second(*device, settings, train, data.test, first.model());
         second.restore(first.state());
-        // An evaluation on whole images changes nothing.
+        // An evaluation on full images changes nothing.
         CHECK(second.evaluate_test().mean.psnr == first.evaluate_test().mean.psnr);
         second.run([](const StepReport&) { return true; });
         const TrainState got = second.state();
@@ -166,7 +166,7 @@ TEST_CASE("pyramid: a run continued on any level gives the bits of an uninterrup
     }
 }
 
-TEST_CASE("pyramid: images that do not stay on the device are reduced alike", "[pyramid]") {
+TEST_CASE("pyramid: images that do not stay on the device are reduced in the same way", "[pyramid]") {
   Split split = views_of(64, 48);
   split.views.resize(3, split.views[0]);
   for (View& view : split.views) view.image = noisy(64, 48, true);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A learnt background: a scene before a colour, and before a sky, whose pictures do not tell where it ends. A
-// random one.
+// Tests learnt backgrounds: a scene in front of a colour or a sky, whose images do not show where the scene
+// ends. Also tests random backgrounds.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -13,7 +13,7 @@ namespace {
 
 using test::Data;
 
-// Blue above, red to one side: within 0 and 1 for all directions.
+// Blue above and red on one side, between 0 and 1 in all directions.
 constexpr std::array<double, 3> kMean{0.5, 0.45, 0.6};
 constexpr std::array<double, 3> kUp{-0.2, 0.1, 0.4}, kSide{0.3, 0, -0.1};  // of functions 2 and 3
 double sky_colour(const std::vector<double>& functions, std::size_t c) {
@@ -29,7 +29,7 @@ std::vector<double> functions_at(const Camera& camera, double x, double y) {
   return oracle::spherical_harmonics(direction, 9);
 }
 
-// Of pictures before black and before white, which differ by what lets light through.
+// Computed from renders in front of black and white, whose difference is the transmittance.
 void put_behind(Split& black, const Split& white, bool sky) {
   for (std::size_t v = 0; v < black.views.size(); ++v) {
     const Camera& camera = black.views[v].camera;
@@ -67,7 +67,7 @@ TrainSettings settings_for(Background::Learnt learnt) {
   return settings;
 }
 
-TEST_CASE("sky: a background that is learnt is that of the pictures", "[sky]") {
+TEST_CASE("sky: a learnt background is that of the images", "[sky]") {
   for (const bool sky : {false, true}) {
     const Data data = before(sky);
     for (const auto& device : test::devices_under_test()) {
@@ -82,7 +82,7 @@ TEST_CASE("sky: a background that is learnt is that of the pictures", "[sky]") {
       REQUIRE(found.harmonics.size() == (sky ? kSkyHarmonics : 0));
       double worst = 0;
       for (const View& view : data.train.views) {
-        // A corner of the picture, which no splat need cover.
+        // A corner of the image, which splats need not cover.
         const std::vector<double> functions = functions_at(view.camera, 1, 1);
         for (std::size_t c = 0; c < 3; ++c) {
           double colour = found.colour[c];
@@ -91,8 +91,8 @@ TEST_CASE("sky: a background that is learnt is that of the pictures", "[sky]") {
           worst = std::max(worst, std::abs(colour - (sky ? sky_colour(functions, c) : kMean[c])));
         }
       }
-      CHECK(worst < (sky ? 0.12 : 0.004));  // twice what PoCL has
-      // The model alone, with what its header says, is drawn as the trainer has it.
+      CHECK(worst < (sky ? 0.12 : 0.004));  // twice the value on PoCL
+      // The model with the settings in its header is rendered like by the trainer.
       TrainSettings drawn = trainer.drawn_settings();
       Trainer again(*device, drawn, data.train, data.test, trainer.model());
       CHECK(again.evaluate_test().mean.psnr == with.mean.psnr);
@@ -106,7 +106,8 @@ double on_another_background(Device& device, const Trainer& trainer, TrainSettin
   return Trainer(device, settings, data.train, data.test, trainer.model()).evaluate_test().mean.psnr;
 }
 
-// Light passes through splats in front of the colour that they were trained with, and nothing tells.
+// If splats are trained in front of a single colour, transparent splats cannot be distinguished from opaque
+// ones with this colour.
 TEST_CASE("background: random colours make opaque images opaque splats", "[sky]") {
   const Data data = before(false);
   TrainSettings settings = settings_for(Background::Learnt::no);
@@ -124,7 +125,7 @@ TEST_CASE("background: random colours make opaque images opaque splats", "[sky]"
                 << white[1]);
     CHECK(white[0] < own[0] - 6);
     CHECK(white[1] > own[1] - 1.5);  // 0.9 dB here
-    CHECK(own[1] > own[0] - 2.5);    // 1.6 dB here, where all of the background takes splats
+    CHECK(own[1] > own[0] - 2.5);    // 1.6 dB here, where the whole background needs splats
   }
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Time budgets: how many iterations are chosen for measured costs, how a run keeps to its time on simulated
-// machines that are quicker, slower or loaded, and that its settings repeat it without a clock.
+// Tests time budgets: the number of iterations for measured costs, how a run respects its time on simulated
+// machines that are faster, slower or loaded, and that its settings reproduce it without a clock.
 #include "host/train/time_budget.hpp"
 
 #include <catch2/catch.hpp>
@@ -23,12 +23,12 @@ Split views_of(int side) {
   return {"train", {view}};
 }
 
-// 2 ms a thousand splats and 1 ms beside on whole images, a fifth of it on the coarsest.
+// On full images, a step takes 2 ms per thousand splats plus 1 ms, and on the coarsest level a fifth of it.
 std::vector<StepCost> some_costs() { return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}}; }
 
 TimeBudget budget_of(double seconds) { return {.seconds = seconds, .measured = 0.5, .costs = some_costs()}; }
 
-// How a machine differs from what was measured: the factor of a step's time, and what comes beside.
+// The difference between a machine and the measured costs: the factor of the step time, and additional time.
 struct Machine {
   const char* name;
   std::function<double(double seconds)> slowness;
@@ -57,7 +57,7 @@ struct Simulated {
   int first_iterations = 0;
 };
 
-// The run of a budget on such a machine: as Trainer does it, without a device.
+// Simulates the run of a budget on such a machine like Trainer, but without a device.
 Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine) {
   const Split train = views_of(800);
   auto [settings, budget] = choose_iterations(std::move(asked), base, train, points);
@@ -94,7 +94,7 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
 
 }  // namespace
 
-TEST_CASE("time budget: times are read", "[budget]") {
+TEST_CASE("time budget: times are parsed", "[budget]") {
   for (const auto& [text, seconds] : {std::pair{"90", 90.0},
                                       {"90s", 90.0},
                                       {"1.5m", 90.0},
@@ -145,7 +145,7 @@ TEST_CASE("time budget: as many iterations are chosen as fit the measured costs"
             .find("increase the budget") != std::string::npos);
 }
 
-TEST_CASE("time budget: it is kept within 2 % and 2 s on quick, slow and loaded machines", "[budget]") {
+TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loaded machines", "[budget]") {
   std::vector<StepCost> with_sweeps = some_costs();
   for (StepCost& cost : with_sweeps) cost.sweep_ms = 300.0 / cost.factor;
   for (const Machine& machine : machines())
@@ -168,14 +168,14 @@ TEST_CASE("time budget: it is kept within 2 % and 2 s on quick, slow and loaded 
     }
 }
 
-TEST_CASE("time budget: a run that has lost its time ends soon, with its whole schedule", "[budget]") {
+TEST_CASE("time budget: a run that has lost time ends soon, with its complete schedule", "[budget]") {
   const Machine stopped{"a stop of ten minutes", [](double) { return 1.0; }, 20, 600};
   const Simulated run = simulate(budget_of(45), fast_settings(), 9000, stopped);
   CHECK(run.seconds < 620 + 3);
   CHECK(share_points(run.settings).back().share == 1);
 }
 
-TEST_CASE("time budget: where the iterations fit, the clock changes none of the settings", "[budget]") {
+TEST_CASE("time budget: if the iterations fit, the clock changes no settings", "[budget]") {
   std::vector<std::string> shares;
   for (const Machine& machine : machines()) {
     TimeBudget budget = budget_of(1e5);
@@ -208,7 +208,7 @@ TrainSettings budgeted_settings() {
   return settings;
 }
 
-// Iterations take `seconds_of` on the simulated clock. `from`: a state to go on from, with its settings.
+// Iterations take `seconds_of` on the simulated clock. `from` is a state to resume from, with its settings.
 struct Kept {
   TrainState state;
   TrainSettings settings;
@@ -240,7 +240,7 @@ Trained train_in_time(Device& device, const test::Data& data, TrainSettings sett
 
 }  // namespace
 
-TEST_CASE("time budget: settings repeat the run without a clock, and so does a continued one", "[budget]") {
+TEST_CASE("time budget: settings reproduce the run without a clock, and so does resuming it", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   const auto as_measured = [](int) { return 0.1; };
@@ -254,7 +254,7 @@ TEST_CASE("time budget: settings repeat the run without a clock, and so does a c
       INFO(run.settings.iterations << " iterations, " << run.seconds << " s, " << run.settings.work_shares);
       CHECK(run.seconds == Approx(30).margin(0.6));
       validate(run.settings);
-      // As text, like config.yaml.
+      // The settings are converted to text and back, like in config.yaml.
       TrainSettings read = settings;
       TrainSettings written = run.settings;
       for (const char* key : {"iterations", "work_shares", "growth_end"})
@@ -264,7 +264,7 @@ TEST_CASE("time budget: settings repeat the run without a clock, and so does a c
       Trainer again(*device, read, data.train, test::kNone, test::start(settings));
       again.run([](const StepReport&) { return true; });
       CHECK(test::same_bits(again.model().values, run.model.values));
-      // Without a clock, and on the same clock from a state in the middle.
+      // Runs without a clock, and with the same clock from a state in the middle.
       TrainSettings rest = read;
       Trainer without(*device, rest, data.train, test::kNone, test::start(settings));
       without.restore(kept.state);
@@ -277,7 +277,7 @@ TEST_CASE("time budget: settings repeat the run without a clock, and so does a c
     }
 }
 
-TEST_CASE("time budget: splats that there is no time for are not added", "[budget]") {
+TEST_CASE("time budget: splats for which there is no time are not added", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();
   for (const auto& device : devices_under_test()) {
@@ -291,7 +291,8 @@ TEST_CASE("time budget: splats that there is no time for are not added", "[budge
   }
 }
 
-TEST_CASE("time budget: steps are measured on every level, and the first splats are untouched", "[budget]") {
+TEST_CASE("time budget: steps are measured on every level, and the initial splats are not changed",
+          "[budget]") {
   const test::Data data = test::synthetic("glossy", 144, 4);
   for (const auto& device : devices_under_test())
     for (const bool cameras : {false, true}) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Evaluations and checkpoints by seconds on a simulated clock: when they take place on quick, slow and loaded
-// machines and after a stop, and that the model does not depend on it.
+// Tests evaluations and checkpoints by seconds with a simulated clock: when they take place on fast, slow and
+// loaded machines and after a pause, and that the model does not depend on them.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <functional>
@@ -15,7 +15,7 @@ namespace {
 constexpr int kIterations = 60;
 constexpr double kInterval = 10;  // seconds
 
-// What a machine does in the seconds of each iteration.
+// A machine, described by the duration of each iteration.
 struct Course {
   const char* name;
   std::function<double(int iteration)> seconds;
@@ -87,7 +87,7 @@ TEST_CASE("training time: evaluations by seconds follow the clock, the model doe
   }
 }
 
-TEST_CASE("training time: states are handed out by seconds of training", "[time]") {
+TEST_CASE("training time: states are passed by seconds of training", "[time]") {
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, kIterations, 200);
   const auto device = devices_under_test()[0];
@@ -101,7 +101,7 @@ TEST_CASE("training time: states are handed out by seconds of training", "[time]
   CHECK(saves(all[2]).empty());  // 6 s in all
   const std::vector<int> loaded = saves(all[3]);
   CHECK(loaded == std::vector<int>{11, 22, 26, 30, 34, 38, 43, 54});
-  // A long stop is one interval, and the next ones begin behind it.
+  // A long pause counts as one interval, and the next ones start after it.
   CHECK(saves(all[4]) == std::vector<int>{11, 22, 31, 42, 53});
   CHECK(saves(all[5]).empty());
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The share of the work that is done: in proportion to the iterations, through recorded points, and that all
-// of a schedule follows from it.
+// Tests the share of the completed work: it is proportional to the iterations, or interpolates recorded
+// points, and the whole schedule depends on it.
 #include "host/train/work_share.hpp"
 
 #include <algorithm>
@@ -28,7 +28,7 @@ TrainSettings settings_of(int iterations, const std::string& shares = {}) {
   return resolve_automatic(s);
 }
 
-// A run that stands at a random number of points, which it goes through at random speeds.
+// A run with a random number of recorded points, between which its speed is random.
 TrainSettings random_course(std::mt19937& random, int points) {
   std::uniform_int_distribution<int> apart(1, 60);
   std::uniform_real_distribution<double> step(0.001, std::min(0.9, 1.8 / points));
@@ -52,7 +52,7 @@ std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
 
 }  // namespace
 
-TEST_CASE("work share: without points it is in proportion to the iterations", "[schedule]") {
+TEST_CASE("work share: without points it is proportional to the iterations", "[schedule]") {
   for (const int iterations : {1, 7, 1000, 16001, 30000}) {
     const TrainSettings settings = settings_of(iterations);
     const WorkShare work(settings);
@@ -71,7 +71,7 @@ TEST_CASE("work share: without points it is in proportion to the iterations", "[
   }
 }
 
-TEST_CASE("work share: between points it is linear, and the last piece ends with the run", "[schedule]") {
+TEST_CASE("work share: it is linear between points, and the last segment ends with the run", "[schedule]") {
   const TrainSettings settings = settings_of(400, "100:0.5,200:0.6");
   const WorkShare work(settings);
   CHECK(work.at(0) == 0);
@@ -86,7 +86,7 @@ TEST_CASE("work share: between points it is linear, and the last piece ends with
   CHECK(work.iterations_per_share(100) == Approx(200));
   CHECK(work.iterations_per_share(101) == Approx(1000));
   CHECK(work.last().iteration == 200);
-  // Published iterations count from the share: 1500 of 30 000 are a twentieth of the work.
+  // Published iterations are converted to shares: 1500 of 30 000 are a twentieth of the work.
   const Schedule schedule(settings, 1000);
   CHECK_FALSE(schedule.regularises(3));
   CHECK(schedule.regularises(4));  // 500 of 30 000 are 3.3 iterations here
@@ -98,7 +98,7 @@ TEST_CASE("work share: between points it is linear, and the last piece ends with
   CHECK(schedule.learning_rates(layout, 400)[0] == 0);
 }
 
-TEST_CASE("work share: points that follow change nothing of what is over", "[schedule]") {
+TEST_CASE("work share: later points do not change earlier iterations", "[schedule]") {
   std::mt19937 random(1);
   for (int run = 0; run < 200; ++run) {
     const TrainSettings settings = random_course(random, 1 + run % 12);
@@ -108,7 +108,7 @@ TEST_CASE("work share: points that follow change nothing of what is over", "[sch
     const std::vector<PyramidLevel> levels = levels_of(settings);
     INFO(settings.work_shares);
     for (std::size_t known = 1; known < course.size(); ++known) {
-      // As the run saw it then, with another end in sight.
+      // As the run computed it at that time, with a different expected end.
       const int until = course[known - 1].iteration;
       const TrainSettings then = settings_of(
           until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));
@@ -125,12 +125,12 @@ TEST_CASE("work share: points that follow change nothing of what is over", "[sch
   }
 }
 
-TEST_CASE("work share: a course has the refinements, the growth and the sweeps of its schedule",
+TEST_CASE("work share: a run with points has the refinements, the growth and the sweeps of its schedule",
           "[schedule]") {
   std::mt19937 random(2);
   TrainSettings settings = random_course(random, 12);
   std::vector<SharePoint> course = share_points(settings);
-  for (SharePoint& point : course) point.iteration *= 40;  // many iterations to a refinement
+  for (SharePoint& point : course) point.iteration *= 40;  // many iterations per refinement
   settings.iterations *= 40;
   settings.work_shares = to_string(course);
   settings.refine.step = 1000;
@@ -157,7 +157,7 @@ TEST_CASE("work share: a course has the refinements, the growth and the sweeps o
   CHECK(schedule.grown(1000, behind) == 1100);
 }
 
-TEST_CASE("work share: what is no course is refused", "[schedule]") {
+TEST_CASE("work share: invalid points are rejected", "[schedule]") {
   for (const char* wrong : {"5", "5:", ":0.5", "5:0.5,", "5:0.5,5:0.6", "5:0.5,6:0.5", "5:1.5", "5:nan",
                             "-5:0.5", "5:0", "5:0.5;6:0.6"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses, camera paths, and what is guessed of a scene.
+// Tests poses, camera paths, and the estimated frame of a scene.
 #include "host/api/camera_path.hpp"
 
 #include <catch2/catch.hpp>
@@ -17,10 +17,10 @@ using test::distance;
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-// Rounding of double precision; the worst seen here was 1.3e-15.
+// Rounding of double precision. The largest error observed here was 1.3e-15.
 constexpr double kExact = 3e-15;
 
-// Of two rotations: the angle between them.
+// Returns the angle between two rotations.
 double angle(const Quaternion& a, const Quaternion& b) {
   const auto m = matrix(a), n = matrix(b);
   double sum = 0;
@@ -41,7 +41,7 @@ SceneFrame tilted_frame() {
   return frame;
 }
 
-// How far the view misses the point, as the sine of an angle.
+// Returns how far the view direction misses the point, as the sine of an angle.
 double miss(const Pose& pose, const Vec3& target) {
   return length(cross(pose.forward(), normalised(target - pose.position)));
 }
@@ -67,7 +67,7 @@ TEST_CASE("pose: matrices, quaternions and cameras agree") {
     CHECK(back.fov == Approx(pose.fov).epsilon(1e-12));
     CHECK(back.time == 0.25);
   }
-  // Straight up and no direction at all still give rotations.
+  // A direction straight up and a zero direction also give rotations.
   for (const Vec3& target : {Vec3{0, 0, 5}, Vec3{0, 0, 0}}) {
     const Pose pose = look_at({0, 0, 0}, target, {0, 0, 1});
     CHECK(distance(cross(pose.right(), pose.down()), pose.forward()) < kExact);
@@ -134,7 +134,7 @@ TEST_CASE("spiral: closed, stays near the mean pose, looks at its focus") {
   CHECK(high == Approx(0.4 / 3).epsilon(0.01));
 }
 
-TEST_CASE("keyframes are passed exactly, on a curve without jumps or kinks") {
+TEST_CASE("paths pass exactly through keyframes, without jumps or kinks") {
   std::vector<Pose> keys;
   Random random(9);
   for (int i = 0; i < 6; ++i) {
@@ -159,16 +159,15 @@ TEST_CASE("keyframes are passed exactly, on a curve without jumps or kinks") {
     const double h = 1e-4;
     const auto velocity = [&](double u) { return 1 / h * (path->at(u + h).position - path->at(u).position); };
     for (double u = h; u < 1 - 3 * h; u += h) {
-      CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // 49 was seen
-      // The acceleration is 713 at most; a kink would be a jump of the size of the velocity, of the order
-      // of 10.
+      CHECK(distance(path->at(u).position, path->at(u + h).position) < 98 * h);  // observed 49
+      // The acceleration is at most 713. A kink would be a jump of the velocity, of the order of 10.
       CHECK(distance(velocity(u), velocity(u + h)) < 1400 * h);
     }
   }
   CHECK(distance(keyframe_path({keys[2]}, true, false)->at(0.7).position, keys[2].position) == 0);
 }
 
-TEST_CASE("moments of a path: closed ones do not repeat their beginning") {
+TEST_CASE("times of a path: closed paths do not repeat their start") {
   CHECK(path_moments(4, true) == std::vector<double>{0, 0.25, 0.5, 0.75});
   CHECK(path_moments(5, false) == std::vector<double>{0, 0.25, 0.5, 0.75, 1});
   CHECK(path_moments(1, false) == std::vector<double>{0});
@@ -181,7 +180,7 @@ TEST_CASE("weighted quantiles") {
   CHECK(weighted_quantile({}, 0.5) == 0);
 }
 
-TEST_CASE("scene frame: of cameras around a point") {
+TEST_CASE("scene frame: from cameras around a point") {
   std::vector<Camera> cameras;
   const Vec3 centre{0.5, 2, -1}, up = normalised({0, -1, 0.2});
   SceneFrame around;
@@ -193,7 +192,7 @@ TEST_CASE("scene frame: of cameras around a point") {
   const auto orbit = orbit_path(around, 0.8, 1);
   for (const double u : path_moments(12, true)) cameras.push_back(camera_at(orbit->at(u), {}));
   const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
-  // Least squares of 12 rays that meet: 2e-15 was seen.
+  // Least squares of 12 intersecting rays. Observed: 2e-15.
   CHECK(distance(frame.centre, centre) < 1e-14);
   CHECK(distance(frame.up, up) < 1e-14);
   CHECK(frame.distance == Approx(4).epsilon(1e-12));
@@ -228,8 +227,9 @@ TEST_CASE("scene frame: an orbit suits cameras on all sides only") {
   CHECK_FALSE(seen_around(kTurn, 3));
 }
 
-// D-NeRF's cameras are spread over half a ball at random; the mean of their upward axes leans by 24 degrees.
-TEST_CASE("scene frame: cameras that stand unevenly do not lean") {
+// D-NeRF's cameras are distributed randomly over a hemisphere, and the mean of their up axes is tilted by 24
+// degrees.
+TEST_CASE("scene frame: unevenly distributed cameras do not tilt it") {
   const Vec3 up{0, 0, 1};
   std::vector<Camera> cameras;
   for (const auto& [azimuth, elevation] :
@@ -240,13 +240,13 @@ TEST_CASE("scene frame: cameras that stand unevenly do not lean") {
   }
   const SceneFrame frame = scene_frame(MixedModel(SplatModel(3, 0)), cameras);
   CHECK(distance(frame.up, up) < 1e-6);  // 4 steps of the power method
-  // All from one place: nothing but the mean tells.
+  // If all cameras are at one position, only the mean can be used.
   const std::vector<Camera> same(3, cameras[0]);
   const Vec3 leaning = scene_frame(MixedModel(SplatModel(3, 0)), same).up;
   CHECK(leaning[2] == Approx(std::cos(1.2)).epsilon(1e-6));
 }
 
-TEST_CASE("scene frame: of splats, few strays do not move it") {
+TEST_CASE("scene frame: a few outliers among the splats do not move it") {
   SplatModel model(6, 1000);
   Random random(3);
   for (std::size_t i = 0; i < model.count; ++i) {
@@ -265,7 +265,7 @@ TEST_CASE("scene frame: of splats, few strays do not move it") {
         std::string::npos);
 }
 
-// The share of the opacity in the pictures from all around, the smallest.
+// Returns the smallest share of the opacity that is inside the images from all around.
 double least_shown(const SplatModel& model, const SceneFrame& frame, int width, int height, double fov) {
   double least = 1;
   const auto orbit = orbit_path(frame, fov, 1);
@@ -288,7 +288,7 @@ double least_shown(const SplatModel& model, const SceneFrame& frame, int width, 
 }
 
 // A quarter of the splats are opaque floaters at 10 to 100 extents, all on one side.
-TEST_CASE("scene frame: floaters beyond ten extents do not decide what is shown") {
+TEST_CASE("scene frame: floaters beyond ten extents have no influence") {
   constexpr std::size_t kScene = 3000, kFloaters = 1000;
   SplatModel clean(3, kScene), strewn(3, kScene + kFloaters);
   Random random(11);
@@ -321,8 +321,8 @@ TEST_CASE("scene frame: floaters beyond ten extents do not decide what is shown"
   }
 }
 
-TEST_CASE("scene frame: without cameras the whole of a slender model is in the picture") {
-  // A figure of 0.4 x 0.3 x 4 whose splats are mostly in its upper half, and a flat one.
+TEST_CASE("scene frame: without cameras, a slender model is completely inside the image") {
+  // A figure with a size of 0.4 x 0.3 x 4, whose splats are mostly in its upper half, and a flat one.
   for (const std::array<double, 3>& extent : {std::array<double, 3>{0.4, 0.3, 4}, {5, 4, 0.2}}) {
     SplatModel model(3, 4000);
     Random random(6);
@@ -335,15 +335,15 @@ TEST_CASE("scene frame: without cameras the whole of a slender model is in the p
     const SceneFrame frame = scene_frame(MixedModel(model), {}, {.fov = 0.6});
     CAPTURE(extent[2], frame.distance);
     CHECK(least_shown(model, frame, 64, 64, 0.6) > 0.995);
-    SceneFrame nearer = frame;  // and no farther away than that asks for
+    SceneFrame nearer = frame;  // and the camera is no farther away than necessary
     nearer.distance *= 0.85;
     CHECK(least_shown(model, nearer, 64, 64, 0.6) < 0.99);
   }
 }
 
-// The nearer camera of before (1.1 radii of nine tenths of the opacity) showed 0.992, 0.990 and 0.989: feet
-// and corners were cut off.
-TEST_CASE("scene frame: files of other tools are in the picture from all around") {
+// The camera of an earlier version was closer (1.1 radii of nine tenths of the opacity) and showed 0.992,
+// 0.990 and 0.989: feet and corners were outside of the image.
+TEST_CASE("scene frame: third-party models are inside the image from all around") {
   UBS_REQUIRE_DATA(folder, "foreign_splats");
   for (const char* name : {"biker.spz", "opensplat_lego_world.ply", "graphdeco_sh3_9080.ply"}) {
     const MixedModel model = load_splat_model(folder / name).model;
@@ -357,7 +357,7 @@ TEST_CASE("scene frame: files of other tools are in the picture from all around"
   }
 }
 
-// A box of 2 x 1 x 3 with a plate at one end of the axis.
+// A box with a size of 2 x 1 x 3 and a plate at one end of the axis.
 SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
   SplatModel model(3, 3000);
   Random random(5);
@@ -371,7 +371,7 @@ SplatModel box_with_plate(std::size_t axis, int sign, bool plate) {
   return model;
 }
 
-TEST_CASE("scene frame: a floor tells what is up, nothing does without one") {
+TEST_CASE("scene frame: a floor determines the up direction, which is unknown without one") {
   for (std::size_t axis = 0; axis < 3; ++axis)
     for (const int sign : {1, -1}) {
       Vec3 expected{};
@@ -383,7 +383,7 @@ TEST_CASE("scene frame: a floor tells what is up, nothing does without one") {
   CHECK(scene_frame(box, {}, {.up = Vec3{1, 0, 0}}).up == Vec3{1, 0, 0});
 }
 
-TEST_CASE("scene frame: of cameras side by side, the spiral's focus is the scene") {
+TEST_CASE("scene frame: for cameras side by side, the focus of the spiral is the scene") {
   SplatModel model(3, 500);
   Random random(4);
   for (std::size_t i = 0; i < model.count; ++i) {
@@ -399,5 +399,5 @@ TEST_CASE("scene frame: of cameras side by side, the spiral's focus is the scene
   CHECK(distance(frame.mean.position, {0, 0.1, 0}) < 1e-12);
   CHECK(frame.focus == Approx(6).margin(0.1));
   CHECK(frame.spread == Approx(0.3));
-  CHECK(distance(frame.centre, {0, 0, 6}) < 0.2);  // parallel views meet nowhere: the splats decide
+  CHECK(distance(frame.centre, {0, 0, 6}) < 0.2);  // parallel views do not intersect, so the splats are used
 }

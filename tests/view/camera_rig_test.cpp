@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the first splats lie when the data bring no points: rigs that look inwards, forwards and outwards,
-// and those that tell nothing.
+// Tests the positions of initial splats for data without points: camera rigs that look inwards, forwards and
+// outwards, and rigs from which nothing can be derived.
 #include "host/api/camera_rig.hpp"
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ using namespace ubs;
 
 namespace {
 
-constexpr double kFov = 0.6911112;  // of NeRF Synthetic
+constexpr double kFov = 0.6911112;  // as in NeRF Synthetic
 
 Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 400) {
   Pose pose = look_at(at, target, {0, 0, 1});
@@ -23,7 +23,8 @@ Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 
   return camera_at(pose, {width, height, {}});
 }
 
-// Half a turn around `centre`, as somebody walks around a thing on a table; outwards: the other way.
+// Cameras on half a circle around `centre`, as when walking around an object on a table. outwards: they look
+// away from it.
 std::vector<Camera> half_turn(const Vec3& centre, double distance, bool outwards = false) {
   std::vector<Camera> cameras;
   for (int i = 0; i < 58; ++i) {
@@ -43,7 +44,7 @@ bool usable(const InitialSpace& space) {
 
 }  // namespace
 
-TEST_CASE("initial space: what inward cameras see in common") {
+TEST_CASE("initial space: the common field of view of inward cameras") {
   const Vec3 centre{3, -2, 0.5};
   const std::vector<Camera> cameras = half_turn(centre, 4.0311289);
   const InitialSpace box = initial_space(cameras, true);
@@ -54,10 +55,10 @@ TEST_CASE("initial space: what inward cameras see in common") {
   CHECK(usable(depths));
   CHECK(depths.near == Approx(0.5 * 4.0311289));
   CHECK(depths.far == Approx(4 * 4.0311289));
-  // The scene is as large as it is: twice the size, twice the space.
+  // The space scales with the scene: double size gives double space.
   const InitialSpace twice = initial_space(half_turn(2.0 * centre, 2 * 4.0311289), true);
   CHECK(twice.half == Approx(2 * box.half));
-  // Pictures of other shapes fill the same share of the view.
+  // Images with other aspect ratios fill the same share of the view.
   std::vector<Camera> portrait;
   for (const Camera& c : cameras) portrait.push_back(camera(c.centre(), centre, 133, 238));
   CHECK(initial_space(portrait, true).half == Approx(1.3 * std::sqrt(238.0 / 133)).epsilon(0.01));
@@ -70,7 +71,7 @@ TEST_CASE("initial space: forward and outward cameras") {
     converging.push_back(camera(3.0 * at, {0, 5, 0}));  // fern's ratio of distance and spread
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
   }
-  // Too little of an angle to stand around something, enough to know how far it is.
+  // The angle is too small for cameras around an object, but sufficient to determine its distance.
   const InitialSpace near_by = initial_space(converging, true);
   CHECK(usable(near_by));
   CHECK(near_by.near < 5);
@@ -78,17 +79,17 @@ TEST_CASE("initial space: forward and outward cameras") {
   const InitialSpace unknown = initial_space(parallel, true);
   CHECK(usable(unknown));
   CHECK_THAT(unknown.text, Catch::Contains("the same way"));
-  CHECK(unknown.near > 0.25);  // 2.5 spreads are a distance at which neighbours overlap
+  CHECK(unknown.near > 0.25);  // at a distance of 2.5 times the spread, views of neighbours overlap
   const InitialSpace outwards = initial_space(half_turn({0, 0, 0}, 1, true), false);
   CHECK(usable(outwards));
   CHECK_THAT(outwards.text, Catch::Contains("outwards"));
 }
 
-TEST_CASE("initial space: cameras that tell nothing") {
+TEST_CASE("initial space: cameras without information") {
   const Camera one = camera({1, 2, 3}, {0, 0, 0});
   CHECK(usable(initial_space(std::vector{one}, true)));
   CHECK(usable(initial_space(std::vector(5, one), false)));
-  std::vector<Camera> turning;  // on the spot; their axes meet where they stand
+  std::vector<Camera> turning;  // at one position, where their axes meet
   for (int i = 0; i < 12; ++i)
     turning.push_back(camera({1, 1, 1}, Vec3{1, 1, 1} + Vec3{std::cos(0.5 * i), std::sin(0.5 * i), 0}));
   for (const bool plain : {false, true}) CHECK(usable(initial_space(turning, plain)));
@@ -98,10 +99,10 @@ TEST_CASE("initial space: cameras that tell nothing") {
   CHECK(usable(initial_space(opposite, true)));
 }
 
-// Cameras that show the same directions with a part of a wide image: the principal point lies outside.
+// Cameras that show the same directions in a part of a wide image, with a principal point outside of it.
 Camera cut_from_wide_image(const Camera& c) {
   const double right =
-      3 * c.width / c.fx;  // tangent of the angle between the middle of the image and forward
+      3 * c.width / c.fx;  // tangent of the angle between the centre of the image and the forward axis
   const double n = std::hypot(1, right), cosine = 1 / n, sine = right / n;
   Camera out = c;
   out.cx = c.cx - right * c.fx;
@@ -110,7 +111,7 @@ Camera cut_from_wide_image(const Camera& c) {
   return out;
 }
 
-TEST_CASE("initial space: in any unit, at any place, for any part of a lens") {
+TEST_CASE("initial space: with any unit, position and part of a lens") {
   std::vector<Camera> forward, parallel, turning;
   for (int i = 0; i < 20; ++i) {
     const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
@@ -134,7 +135,7 @@ TEST_CASE("initial space: in any unit, at any place, for any part of a lens") {
       REQUIRE(usable(expected));
       const auto check = [&](const std::vector<Camera>& others, double factor, double slack) {
         const InitialSpace space = initial_space(others, plain);
-        const double f = at_one_place(cameras) ? 1 : factor;  // any depth will do
+        const double f = at_one_place(cameras) ? 1 : factor;  // any depth is correct
         CHECK(space.half == Approx(f * expected.half).epsilon(slack));
         CHECK(space.near == Approx(f * expected.near).epsilon(slack));
         CHECK(space.far == Approx(f * expected.far).epsilon(slack));
@@ -162,7 +163,7 @@ TEST_CASE("initial space: in any unit, at any place, for any part of a lens") {
   CHECK(part.half == Approx(cosine * box.half));
 }
 
-TEST_CASE("points in frusta take the colours of their pixels") {
+TEST_CASE("points in frusta get the colours of their pixels") {
   View view{"v", camera({0, -4, 0}, {0, 0, 0}, 40, 20), {40, 20, {}, {}}, nullptr};
   for (int y = 0; y < 20; ++y)
     for (int x = 0; x < 40; ++x)
@@ -185,6 +186,6 @@ TEST_CASE("points in frusta take the colours of their pixels") {
     CHECK(std::abs(cloud.colours[i][1] / 12 + 0.5 - y) < 0.51);
     CHECK(cloud.colours[i][2] == 200);
   }
-  // The same places as without colours.
+  // The positions are the same as without colours.
   CHECK(sample_frusta(std::span(&view, 1), std::span(&depths, 1), 500, 7).positions == cloud.positions);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A choice of splats uploaded over the model that is on the device draws what a model of these splats alone
-// does.
+// Tests that uploading a selection of splats over the model on the device gives the same image as a model
+// with only these splats.
 #include <catch2/catch.hpp>
 
 #include "host/api/decompose.hpp"
@@ -23,12 +23,12 @@ std::vector<float> drawn(Device& device, const DeviceGroups& groups) {
 
 }  // namespace
 
-TEST_CASE("choice of splats: the same bits as a model of its own") {
+TEST_CASE("choice of splats: the same bits as a separate model") {
   const auto scene = [](int dim) {
     return oracle::regular_scene({.count = 300, .dim = dim, .seed = 5}).model;
   };
   const MixedModel model({scene(6), scene(3)});
-  // Of N = 3 all are below every range of the angular beta that does not begin at 0.
+  // Splats with N = 3 are below every range of the angular beta that does not start at 0.
   const MixedModel some =
       keep_splats(model, select_by_quantile(beta_quantiles(model, BetaKind::spatial), {0.3, 0.6}));
   const MixedModel one_group =

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decomposition by quantiles of the betas: which rows it looks at, that ranges partition, what it refuses.
+// Tests the decomposition by quantiles of the betas: the rows that it uses, that ranges form a partition, and
+// invalid arguments.
 #include "host/api/decompose.hpp"
 
 #include <limits>
@@ -13,7 +14,7 @@ using Catch::Contains;
 
 namespace {
 
-// Every value of the model is different, and the betas fall from splat to splat.
+// Every value of the model is different, and betas decrease from splat to splat.
 SplatModel falling(int dim, std::size_t count, const ModelVariant& variant = {}) {
   SplatModel model(dim, count, variant);
   std::iota(model.values.begin(), model.values.end(), 0.0f);
@@ -38,7 +39,7 @@ TEST_CASE("decompose: the rows of every dimension", "[view]") {
   struct Row {
     int dim;
     bool angular, temporal;
-    float angular_value, temporal_value;  // of the first splat; beta row r has the value r there
+    float angular_value, temporal_value;  // of the first splat, whose beta in row r has the value r
   };
   for (const Row& row : {Row{3, false, false, 0, 0},
                          {4, false, true, 0, 1},
@@ -56,7 +57,7 @@ TEST_CASE("decompose: the rows of every dimension", "[view]") {
   }
 }
 
-TEST_CASE("decompose: what a model does not have is refused", "[view]") {
+TEST_CASE("decompose: missing betas are rejected", "[view]") {
   const auto values = [](const SplatModel& model, BetaKind kind) { return beta_values(model, kind); };
   const auto refusal = [&](const SplatModel& model, BetaKind kind) {
     return message_of([&] { values(model, kind); }, ErrorKind::usage);
@@ -83,28 +84,28 @@ TEST_CASE("decompose: ranges partition the splats", "[view]") {
   for (const BetaKind kind : kBetaKinds) {
     const std::vector<bool> low = select_by_beta(model, kind, {0, 0.5}),
                             high = select_by_beta(model, kind, {0.5, 1});
-    CHECK(kept(low) == 5);  // of 11, the middle one belongs to the upper half
+    CHECK(kept(low) == 5);  // the middle one of 11 belongs to the upper half
     for (std::size_t i = 0; i < 11; ++i) {
-      CHECK(low[i] == (i > 5));  // betas fall
+      CHECK(low[i] == (i > 5));  // betas decrease
       CHECK(high[i] != low[i]);
     }
     CHECK(kept(select_by_beta(model, kind, {})) == 11);
     CHECK(kept(select_by_beta(model, kind, {0.3, 0.3})) == 0);
   }
-  // Equal values: in the order of the model.
+  // Equal values have the order of the model.
   SplatModel equal = falling(6, 4);
   for (float& v : equal.row(equal.layout().beta)) v = 1;
   CHECK(beta_quantiles(equal, BetaKind::spatial) == std::vector<double>{0.125, 0.375, 0.625, 0.875});
   CHECK(beta_quantiles(SplatModel(6, 0), BetaKind::spatial).empty());
 }
 
-TEST_CASE("decompose: models of several dimensions", "[view]") {
+TEST_CASE("decompose: models with several dimensions", "[view]") {
   const MixedModel model(std::vector<SplatModel>{falling(7, 3), falling(6, 2), falling(3, 4)});
   const float none = -std::numeric_limits<float>::infinity();
   CHECK(beta_values(model, BetaKind::temporal) ==
         std::vector<float>{4, 3, 2, none, none, none, none, none, none});
 
-  // What has no time at all is what stands still.
+  // Splats without time are static.
   const MixedModel still = keep_splats(model, select_by_beta(model, BetaKind::temporal, {0, 6.0 / 9}));
   CHECK(to_string(still) == "N = 6: 2, N = 3: 4, 6 splats");
   CHECK(still.groups[0].values == model.groups[1].values);
@@ -118,5 +119,5 @@ TEST_CASE("decompose: models of several dimensions", "[view]") {
   const MixedModel nothing = keep_splats(model, std::vector<bool>(9));
   CHECK(to_string(nothing) == "N = 7, 0 splats");
   CHECK_THAT(message_of([&] { keep_splats(model, std::vector<bool>(8)); }, ErrorKind::internal),
-             Contains("8 flags"));
+             Contains("the number of flags is 8"));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files of keyframes: what they say, and what is said about wrong ones.
+// Tests files of keyframes: valid files, and error messages for invalid ones.
 #include "host/api/keyframes.hpp"
 
 #include <catch2/catch.hpp>
@@ -28,7 +28,7 @@ std::string refused_frame(const std::string& frame) {
 
 }  // namespace
 
-TEST_CASE("keyframes: the three ways to say a pose agree") {
+TEST_CASE("keyframes: the three representations of a pose agree") {
   const TempFolder folder;
   // At (1, 2, 3), looking along +x with z up. The third matrix has the axes of transforms.json.
   test::put(folder / "k.json", R"({"closed": true, "keyframes": [
@@ -49,7 +49,7 @@ TEST_CASE("keyframes: the three ways to say a pose agree") {
   CHECK(file.poses[2].fov == 0.5);
 }
 
-TEST_CASE("keyframes: errors name the file, the keyframe and the field") {
+TEST_CASE("keyframes: errors contain the file, the keyframe and the field") {
   CHECK_THAT(refused("{"), Contains("k.json") && Contains("malformed JSON"));
   CHECK_THAT(refused("[]"), Contains("top level"));
   CHECK_THAT(refused("{}"), Contains("'keyframes' is missing"));
@@ -67,7 +67,7 @@ TEST_CASE("keyframes: errors name the file, the keyframe and the field") {
   frame(R"({"position": [0,0,0]})", "'look_at' is missing");
   frame(R"({"position": [0,0], "look_at": [0,0,1]})", "'position' must be three finite numbers");
   frame(R"({"position": [0,0,"1"], "look_at": [0,0,1]})", "'position' must be three finite numbers");
-  frame(R"({"position": [0,0,0], "look_at": [0,0,0]})", "'look_at' is the position");
+  frame(R"({"position": [0,0,0], "look_at": [0,0,0]})", "'look_at' must differ from the position");
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,0,2]})", "'up' is zero or points along");
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": 0})", "'fov' = 0");
   frame(R"({"position": [0,0,0], "look_at": [0,0,1], "up": [0,1,0], "fov": "wide"})",

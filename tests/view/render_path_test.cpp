@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ubs render --path` as a user meets it: pictures and videos along paths, of models of one and several N.
+// Tests `ubs render --path` as users run it: images and videos along paths, for models with one or several
+// dimensions.
 #include <catch2/catch.hpp>
 
 #include "host/data/image.hpp"
@@ -39,7 +40,7 @@ struct Video {
 
 }  // namespace
 
-TEST_CASE("render --path orbit: pictures and video show the same, all different, of a model with time") {
+TEST_CASE("render --path orbit: images and video of a dynamic model agree, and all frames differ") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(7));
   CHECK_THAT(
@@ -54,12 +55,12 @@ TEST_CASE("render --path orbit: pictures and video show the same, all different,
     const Image8 picture = load_image(folder / fmt::format("p/frame_{:04}.png", i));
     CHECK(picture.width == 80);
     CHECK(picture.height == 48);
-    // Motion JPEG of these pictures: 1.1 was seen; views 60 degrees apart differ by 10.1 and more.
+    // Observed error of Motion JPEG: 1.1. Views that are 60 degrees apart differ by 10.1 or more.
     CHECK(test::image_difference(video.frames[i], picture) < 2.2);
     CHECK(test::image_difference(video.frames[i], video.frames[(i + 1) % 6]) > 5);
   }
 
-  // Time alone makes the pictures of a single keyframe differ; a fixed time does not.
+  // With a single keyframe, only a changing time makes the images differ.
   test::put(folder / "k.json",
             R"({"keyframes": [{"position": [0,-3,0.5], "look_at": [0,0,0], "up": [0,0,1], "time": 0.5}]})");
   const auto pictures = [&](const std::string& time) {
@@ -77,7 +78,7 @@ TEST_CASE("render --path orbit: pictures and video show the same, all different,
   CHECK(swept[2] != swept[1]);
 }
 
-TEST_CASE("render --path: models of several N, depth, alpha, the cameras of data") {
+TEST_CASE("render --path: models with several N, depth, alpha, and the cameras of the data") {
   const TempFolder folder;
   write_mixed_ply(folder / "m.ply", MixedModel({scene(6), scene(3)}));
   for (const std::string channel : {"depth", "alpha"}) {
@@ -94,7 +95,7 @@ TEST_CASE("render --path: models of several N, depth, alpha, the cameras of data
   CHECK(load_image(folder / "o/frame_0001.png").width == 33);
 }
 
-TEST_CASE("render --lens: a panorama and a fisheye show what a pinhole shows in the same directions") {
+TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole images in the same directions") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(6));
   test::put(folder / "k.json",
@@ -130,7 +131,7 @@ TEST_CASE("render --lens: a panorama and a fisheye show what a pinhole shows in 
   CHECK(std::filesystem::exists(folder / "o/frame_0000_depth.png"));
 }
 
-TEST_CASE("render --path: refuses in one line and leaves nothing") {
+TEST_CASE("render --path: errors have one line, and no files are left") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(3));
   test::put(folder / "k.json", R"({"keyframes": [{"position": [0,0,1]}]})");
@@ -146,20 +147,20 @@ TEST_CASE("render --path: refuses in one line and leaves nothing") {
   refused("m.ply --path orbt --video v.avi", 2, "--path orbt");
   refused("m.ply --path k.json --video v.avi", 3, "keyframe 0: 'look_at' is missing");
   refused("m.ply --path none.json --video v.avi", 3, "none.json");
-  refused("m.ply --path orbit --video v.gif", 2, "v.gif: a video ends in one of");
+  refused("m.ply --path orbit --video v.gif", 2, "v.gif: the name of a video must end with one of");
   refused("m.ply --path orbit --video v.avi --size 63x64", 2, "even width");
   refused("m.ply --path orbit --video v.avi --size 64", 2, "--size 64");
   refused("m.ply --path orbit --video v.avi --time 0:1", 2, "--time 0:1: the model does not depend on time");
   refused("m.ply --path orbit --video v.avi --channels rgb,depth", 2, "one channel");
   refused("m.ply --path orbit --video v.avi --loops 0", 2, "--loops");
   refused("m.ply --path orbit --video v.avi --up 0,0", 2, "--up 0,0");
-  refused("m.ply --data d --loops 2 --out o", 2, "--loops belongs to --path");
+  refused("m.ply --data d --loops 2 --out o", 2, "--loops requires --path");
   refused("m.ply --lens wide --out o", 2, "--lens wide: expected equirectangular");
   refused("m.ply --path orbit --lens fisheye:400 --out o", 2, "--lens fisheye:400");
   refused("m.ply --path orbit --lens equirectangular --size 8x4 --out o", 2, "8x4 pixels are too few");
-  // These were ignored.
-  refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size belongs to --path");
-  refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov belongs to --path");
+  // Earlier versions ignored these options.
+  refused("m.ply --hold 1 --size 64x64 --out o", 2, "--size requires --path");
+  refused("m.ply --hold 1 --fov 60 --out o", 2, "--fov requires --path");
   for (const char* option : {"--loops 2", "--centre 1,2,3", "--distance 4", "--elevation 5"})
     refused(fmt::format("m.ply --path k.json --out o {}", option), 2,
             "only applies to --path orbit and --path spiral");

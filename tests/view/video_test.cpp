@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Videos are read back with another decoder object: as many frames as were written, in order, recognisable.
+// Tests videos by reading them with a separate decoder: the number of frames is correct, and they are
+// recognisable and in order.
 #include "host/data/video.hpp"
 
 #include <unistd.h>
@@ -44,7 +45,7 @@ void write(const std::filesystem::path& path) {
 
 }  // namespace
 
-TEST_CASE("video: every format that can be written holds the frames in order") {
+TEST_CASE("video: every supported format contains the frames in order") {
   const std::string possible = writable_videos();
   INFO(possible);
   CHECK_THAT(possible, Contains(".avi (MJPG)"));  // OpenCV's own encoder, without FFmpeg
@@ -62,7 +63,7 @@ TEST_CASE("video: every format that can be written holds the frames in order") {
     CHECK(fps == Approx(24).epsilon(1e-3));
     REQUIRE(frames.size() == kFrames);
     for (int i = 0; i < kFrames; ++i) {
-      // H.264: 3.1 was seen, Motion JPEG: 1.7; neighbours differ by 18.8 and more.
+      // Observed errors: 3.1 for H.264, and 1.7 for Motion JPEG. Consecutive frames differ by 18.8 or more.
       CHECK(test::image_difference(frames[static_cast<std::size_t>(i)],
                                    test::gradient_image(96, 64, kShift * i)) < 6);
       CHECK(test::image_difference(frames[static_cast<std::size_t>(i)],
@@ -71,24 +72,25 @@ TEST_CASE("video: every format that can be written holds the frames in order") {
   }
 }
 
-TEST_CASE("video: .AVI is .avi") {
+TEST_CASE("video: .AVI is treated like .avi") {
   const TempFolder folder;
   write(folder / "V.AVI");
   CHECK(read_back(folder / "V.AVI").size() == kFrames);
 }
 
-TEST_CASE("video: what can be written is tried out in a folder of its own") {
+TEST_CASE("video: supported formats are tested in a separate folder") {
   const TempFolder folder;
   const test::Variable temporary("TMPDIR", folder.path().c_str());
   test::put(folder / "precious", "precious");
-  // Where the name of the trial can be guessed, others make it a link to what it then overwrites.
+  // If the name of the test file were predictable, another user could create a link with this name, and the
+  // test would overwrite its target.
   std::filesystem::create_symlink(folder / "precious", folder / fmt::format("ubs-codec-{}.avi", ::getpid()));
   CHECK_THAT(writable_videos(), Contains(".avi (MJPG)"));
   CHECK(test::get(folder / "precious") == "precious");
   CHECK(test::file_count(folder.path()) == 2);
 }
 
-TEST_CASE("video: nothing is left of a video that is not finished") {
+TEST_CASE("video: no file is left of an unfinished video") {
   const TempFolder folder;
   {
     VideoWriter writer(folder / "v.avi", 64, 64, 10);
@@ -102,12 +104,12 @@ TEST_CASE("video: nothing is left of a video that is not finished") {
   CHECK(test::file_count(folder.path()) == 0);
 }
 
-TEST_CASE("video: a frame that is damaged is an error at every try, and never another frame") {
+TEST_CASE("video: a damaged frame gives an error at every attempt, and never a different frame") {
   const TempFolder folder;
   write(folder / "v.avi");
   std::string bytes = test::get(folder / "v.avi");
   std::size_t at = 0;
-  for (int i = 0; i < 3; ++i) at = bytes.find("\xff\xd8\xff", at + 1);  // where the JPEG of a frame begins
+  for (int i = 0; i < 3; ++i) at = bytes.find("\xff\xd8\xff", at + 1);  // where the JPEG of a frame starts
   REQUIRE(at != std::string::npos);
   bytes.replace(at, 200, 200, '\0');
   test::put(folder / "v.avi", bytes);
@@ -121,12 +123,13 @@ TEST_CASE("video: a frame that is damaged is an error at every try, and never an
   CHECK(test::image_difference(load(1), test::gradient_image(96, 64, kShift)) < 6);
 }
 
-TEST_CASE("video: what cannot be written is refused in one line") {
+TEST_CASE("video: unsupported videos are rejected with one line") {
   const TempFolder folder;
   const auto refused = [&](const std::string& name, int width, double fps, ErrorKind kind) {
     return test::message_of([&] { VideoWriter(folder / name, width, 64, fps); }, kind);
   };
-  CHECK_THAT(refused("v.gif", 64, 10, ErrorKind::usage), Contains("v.gif: a video ends in one of .avi, "));
+  CHECK_THAT(refused("v.gif", 64, 10, ErrorKind::usage),
+             Contains("v.gif: the name of a video must end with one of .avi, "));
   CHECK_THAT(refused("v.avi", 63, 10, ErrorKind::usage),
              Contains("even width and height") && Contains("63x64"));
   CHECK_THAT(refused("v.avi", 64, 0, ErrorKind::usage), Contains("0 frames a second"));

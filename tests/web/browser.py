@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium, driven through the pipe of its DevTools protocol: nothing but the standard library."""
+"""A headless Chromium that is controlled through the pipe of its DevTools protocol, with the standard library only."""
 
 import json
 import os
@@ -27,7 +27,7 @@ class Browser:
             os.dup2(a, 3)
             os.dup2(b, 4)
 
-        # A GPU of software that every machine has; files of the page's folder may be opened.
+        # Uses a software GPU, which is available on every machine. Files in the folder of the page may be opened.
         self.process = subprocess.Popen(
             [
                 program,
@@ -98,7 +98,7 @@ class Browser:
                 return answer["result"]
             self.note(answer)
 
-    # What a page should not do: errors and warnings on its console, exceptions, blocked loads.
+    # Returns the problems of a page: errors and warnings on its console, exceptions, and blocked loads.
     def note(self, event):
         params = event.get("params", {})
         if event.get("method") == "Runtime.exceptionThrown":
@@ -111,7 +111,7 @@ class Browser:
         ):
             self.complaints.append(" ".join(str(a.get("value", "")) for a in params["args"]))
         if event.get("method") == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
-            # SwiftShader says of itself that it reads pixels slowly.
+            # SwiftShader warns that it reads pixels slowly.
             if "GPU stall due to ReadPixels" not in params["entry"]["text"]:
                 self.complaints.append(params["entry"]["text"])
 
@@ -134,7 +134,7 @@ class Browser:
                 raise TimeoutError(f"{path} does not load")
             time.sleep(0.05)
 
-    # The value of an expression; promises are waited for.
+    # Returns the value of an expression, and waits for promises.
     def run(self, expression, timeout=600):
         answer = self.call(
             "Runtime.evaluate", timeout=timeout, expression=expression, awaitPromise=True, returnByValue=True

@@ -37,7 +37,7 @@ class Client {
     if (socket_ >= 0) ::close(socket_);
   }
 
-  // Returns false if the server has closed the connection meanwhile.
+  // Returns false if the server has closed the connection.
   bool send(const std::string& text) const {
     return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(text.size());
   }

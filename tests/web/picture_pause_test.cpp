@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The share of the time that pictures of a training take, on a simulated clock.
+// Tests the share of the time that images of a training take, with a simulated clock.
 #include "host/look/serve/picture_pause.hpp"
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 namespace ubs::serve {
 namespace {
 
-// Draws a picture whenever the pause is over. Returns the share of the time that the pictures took.
+// Renders an image whenever the pause is over, and returns the share of the time that the images took.
 double drawn_share(double share, double cost, double step, double seconds) {
   test::SimulatedTime time;
   PicturePause pause(share, time);
@@ -26,25 +26,26 @@ double drawn_share(double share, double cost, double step, double seconds) {
   return drawn / (time.seconds() - begin);
 }
 
-TEST_CASE("pictures take their share of the time, however quick steps and pictures are") {
+TEST_CASE("images take their share of the time, for any speed of steps and images") {
   for (const double step : {1e-4, 0.01, 1.0})
     for (const double cost : {1e-3, 0.1, 5.0}) {
       const double share = drawn_share(0.03, cost, step, 4000);
       INFO("steps of " << step << " s, pictures of " << cost << " s: " << share);
-      CHECK(share <= 0.03 + cost / 4000);  // the first one needs no pause
+      CHECK(share <= 0.03 + cost / 4000);  // there is no pause before the first one
       // The step in which the pause ends is finished first.
       CHECK(share > 0.99 * cost / (cost / 0.03 + step));
     }
 }
 
-TEST_CASE("a small picture makes others wait for its own cost, and a stop of ten minutes saves nothing up") {
+TEST_CASE(
+    "a small image delays others only by its own cost, and ten minutes without images are not saved up") {
   test::SimulatedTime time;
   PicturePause pause(0.03, time);
   CHECK(pause.over());
   pause.begin(1e-3);
   CHECK(!pause.over());
   time.advance(1e-3 * 0.97 / 0.03 + 1e-6);
-  CHECK(pause.over());  // for a picture of any size
+  CHECK(pause.over());  // for an image of any size
   time.advance(600);
   pause.begin(0.1);
   CHECK(!pause.over());

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ubs train --serve` and `ubs view` as visitors meet them: serve_test.py UBS [NAME ...].
+"""Tests `ubs train --serve` and `ubs view` as viewers use them: serve_test.py UBS [NAME ...].
 
 The client speaks HTTP by itself, so that it can also speak it badly. `flood-full` and `flood-wide` are the long
 forms of `flood`. tests/web/server_test.cpp tests the server alone."""
@@ -45,7 +45,7 @@ def train(folder, name, iterations, *more, log=50):
 
 
 def losses(folder, name):
-    """Iteration, loss and splats of each whole row of a log."""
+    """Returns iteration, loss and number of splats of each complete row of a log."""
     rows = list(csv.DictReader((folder / name / "log.csv").read_text().rpartition("\n")[0].splitlines()))
     return [(row["iteration"], row["loss"], row["splats"]) for row in rows]
 
@@ -55,12 +55,12 @@ def sha(folder, name):
 
 
 class Served:
-    """A command that serves its page at a free port; its address is on stderr."""
+    """A command that serves its page on a free port and prints its address to stderr."""
 
     def __init__(self, folder, *arguments, desktop=None):
         self.errors = folder / "stderr.txt"
         port = "--port" if arguments[0] == "view" else "--serve"
-        # Without a desktop `ubs view` opens no browser.
+        # Without a desktop, `ubs view` does not open a browser.
         environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
         self.process = subprocess.Popen(
             [UBS, *map(str, arguments), port, "0"],
@@ -92,7 +92,7 @@ class Served:
             send(link, path + (self.query if query is None else query), headers)
             return answer(link.makefile("rb"))
 
-    # Asks for a picture; the connection has the answer when it is drawn.
+    # Requests an image. The answer is sent on the connection when the image is rendered.
     def ask(self, camera, exact=False):
         link = self.connect()
         body = json.dumps({"camera": camera, "exact": exact}).encode()
@@ -158,7 +158,7 @@ def rendered(folder, name, model):
 
 
 def pictures_to_the_end(served, camera):
-    """Of a training: (iteration, PNG) of each picture until it has ended."""
+    """Returns (iteration, PNG) of each image of a training until it ends."""
     seen = []
     while True:
         try:
@@ -189,7 +189,7 @@ def training(folder):
         served.end(0)
     assert seen[0][0] < seen[-1][0] == 600, [i for i, _ in seen]
     assert seen[0][1] != seen[-1][1]
-    # The last one is of the model that was saved, to the byte.
+    # The last one is bit-identical to a render of the saved model.
     assert seen[-1][1] == rendered(folder, "pictures", folder / "visited")
     assert sha(folder, "alone") == sha(folder, "nobody") == sha(folder, "visited")
     with contextlib.suppress(ConnectionRefusedError):
@@ -199,7 +199,7 @@ def training(folder):
 
 
 def unit(folder):
-    """Whatever the unit of training is, the page has the cameras of the data."""
+    """Tests that the page has the cameras of the data for any unit of training."""
     synthesise(folder)
     with Served(folder, *train(folder, "run", 600), "--serve-share", 50) as served:
         seen = pictures_to_the_end(served, lens(served.page_options()["cameras"][0]))
@@ -231,7 +231,7 @@ def figures(folder):
         served.end(130, signal.SIGINT)
 
 
-# Whatever visitors hold or wait for, the model is saved and the program ends.
+# The model is saved and the program ends, even if viewers hold connections or wait.
 def interrupt(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 0.1) as served:
@@ -255,7 +255,7 @@ def interrupt(folder):
     assert (folder / "run" / "model.ply").exists()
 
 
-# What a visitor asks for ends its own answer at most, and a small picture costs others little.
+# A request of a viewer can at most fail itself, and a small image delays others only a little.
 def visitors(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
@@ -282,21 +282,21 @@ def view(folder):
         assert served.picture(camera, exact=True)[2] == truth
         picture = served.picture(camera)[2]
         assert picture.startswith(b"\xff\xd8") and len(picture) < len(truth)
-        # A camera in the midst of the splats is drawn or refused, and the next one is drawn.
+        # A camera in the middle of the splats is rendered or rejected, and the next one is rendered.
         status, _, data = served.picture({**camera, "translation": [0, 0, 0], "fx": 1e4, "fy": 1e4})
         assert status == 200 or (status == 500 and data.startswith(b"too expensive")), data
         assert served.picture(camera, exact=True)[2] == truth
         served.end(130, signal.SIGINT)
 
 
-# Ctrl-C ends the program in the midst of a heavy picture.
+# Ctrl-C ends the program while an expensive image is rendered.
 def heavy(folder):
     synthesise(folder)
     ubs(*train(folder, "run", 200))
     with Served(folder, "view", folder / "run", folder / "data") as served:
         camera = lens(served.page_options()["cameras"][0], width=1448, height=1448)
         waiting = [served.ask(camera, exact=True) for _ in range(4)]
-        # One answer has come when the next picture has been begun.
+        # An answer is sent when the next image is started.
         ready, _, _ = select.select(waiting, [], [], 600)
         assert ready
         served.end(130, signal.SIGINT)
@@ -305,13 +305,13 @@ def heavy(folder):
             with contextlib.suppress(ConnectionError):
                 answered += answer(link.makefile("rb"))[0] == 200
             link.close()
-        assert answered < 3, "pictures were drawn after the signal"
+        assert answered < 3, "images were rendered after the signal"
 
 
 def desktop(folder):
     synthesise(folder)
     ubs(*train(folder, "run", 100))
-    # A program in the place of xdg-open notes what it is asked to open, and stays, as some browsers do.
+    # A program that replaces xdg-open records the address that it should open, and keeps running, as some browsers do.
     tools, opened, noted = folder / "tools", folder / "opened.txt", folder / "noted.txt"
     tools.mkdir()
     program = tools / "xdg-open"
@@ -327,7 +327,7 @@ def desktop(folder):
             served.end(130, signal.SIGINT)
             os.kill(int(process), signal.SIGKILL)  # it is still there: the browser stays open
         opened.unlink()
-    # The address alone serves where there is no desktop, and where xdg-open fails.
+    # If there is no desktop or xdg-open fails, only the address is printed.
     with Served(folder, "view", folder / "run", desktop=path) as served:
         first_picture(served)
         served.end(130, signal.SIGINT)
@@ -355,7 +355,7 @@ def limits(folder):
             for query in ("", "?token=", f"?token={wrong}", f"?token={token}0", f"?token={token[:-1]}"):
                 assert served.get(path, query)[0] == 403, (path, query)
         assert served.get("/")[0] == served.get("/state", f"?x=1&token={token}")[0] == 200
-        assert served.get("/", Host="another.name")[0] == 200  # there it is the token that guards
+        assert served.get("/", Host="another.name")[0] == 200  # protected by the token in this case
         first_picture(served)
         served.query = ""
         assert served.picture({})[0] == 403
@@ -382,11 +382,12 @@ def limits(folder):
             [UBS, "view", folder / "run", "--host", ""], capture_output=True, text=True, timeout=600
         )
         assert done.returncode == 2 and "empty" in done.stderr and done.stderr.count("\n") == 1, done.stderr
-        # Never anything on the disk on a visitor's word.
+        # No request of a viewer may write to the disk.
         assert sorted(p.name for p in folder.iterdir()) == ["data", "run", "stderr.txt"]
 
 
-# 50 visitors that ask 1000 times a second, readers who do not read, broken requests, against a training.
+# During a training, 50 viewers send 1000 requests per second, some do not read the answers, and others send invalid
+# requests.
 def flooded(folder, seconds, *options):
     synthesise(folder)
     counts, lock = {"asked": 0, "answered": 0, "pictures": 0}, threading.Lock()
@@ -403,7 +404,7 @@ def flooded(folder, seconds, *options):
             if time.time() > start + seconds:  # the share of the time is used up: answers come later
                 break
             count(asked=1)
-            with contextlib.suppress(ConnectionError):  # turned away while all connections are taken
+            with contextlib.suppress(ConnectionError):  # rejected while all connections are in use
                 count(answered=int("iteration" in served.state()))
 
     def watcher(served, stop):
@@ -412,7 +413,7 @@ def flooded(folder, seconds, *options):
                 status, _, data = served.picture(camera)
                 count(pictures=int(status == 200 and len(data) > 100))
 
-    def sleeper(served, stop):  # asks and never reads
+    def sleeper(served, stop):  # sends requests and never reads
         link = served.ask(lens(camera, width=1024, height=1024), exact=True)
         stop.wait()
         link.close()
@@ -478,7 +479,7 @@ def pages(folder):
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
             look(page, "another camera", lambda: page.run("L.jump(2)"))
-            # Without room, as in a frame that is hidden, it asks for nothing.
+            # Without visible size, as in a hidden frame, the page sends no requests.
             page.run("L.find('.stage').style.display = 'none', L.change()")
             wait(page, "L.asked === L.shown && !L.waiting && !L.dirty", "no answer")
             asked = page.run("L.asked")
@@ -486,12 +487,12 @@ def pages(folder):
             assert page.run("L.asked") == asked
             page.run("L.find('.stage').style.display = '', L.change()")
             before = page.run("L.iteration")
-            wait(page, f"L.iteration > {before}", "the training does not go on")
+            wait(page, f"L.iteration > {before}", "the training does not continue")
             wait(page, "L.state && L.state.loss.length > 2", "no curve")
             assert "iteration" in page.run("document.querySelector('.facts').textContent")
             assert page.run("document.querySelector('.loss').getAttribute('points').split(' ').length") > 2
             served.process.send_signal(signal.SIGINT)
-            wait(page, "!document.querySelector('.message').hidden", "the end is not told")
+            wait(page, "!document.querySelector('.message').hidden", "the page does not show the end")
             assert "ended" in page.run("document.querySelector('.message').textContent")
             page.run("document.querySelector('.panel').open = true")
             assert page.run("""(m => { const b = m.getBoundingClientRect();
@@ -519,7 +520,7 @@ def pages(folder):
     return "in Chromium"
 
 
-# But for those about the end of the server.
+# Ignores messages about the end of the server.
 def assert_no_complaints(page):
     ends = ("ERR_CONNECTION", "ERR_EMPTY", "ERR_SOCKET", "410")
     complaints = [c for c in page.complaints if not any(end in c for end in ends)]
@@ -533,7 +534,7 @@ def wait(page, condition, failure):
         time.sleep(0.05)
 
 
-# The camera changes the whole picture, the training much less.
+# Moving the camera changes the whole image, training changes it much less.
 def look(page, what, act):
     rest = "L.frames > 0 && !L.waiting && !L.dirty && !L.small"
     grey = """(() => { const c = new OffscreenCanvas(40, 30).getContext('2d');
@@ -541,7 +542,7 @@ def look(page, what, act):
         return Array.from(c.getImageData(0, 0, 40, 30).data); })()"""
     wait(page, rest, "no picture")
     before, asked = page.run(grey), page.run("JSON.stringify(L.camera.on(100, 100))")
-    assert max(before[i] for i in range(len(before)) if i % 4 < 3) > 30, "a black picture"
+    assert max(before[i] for i in range(len(before)) if i % 4 < 3) > 30, "the image is black"
     act()
     wait(page, f"L.asked === L.shown && {rest}", f"{what}: no picture")
     now = page.run(grey)

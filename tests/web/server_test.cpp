@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The server alone, with visitors who behave badly: what they cause stays with them.
+// Tests the server alone with misbehaving clients: they must not affect others.
 #include "host/look/serve/server.hpp"
 
 #include <catch2/catch.hpp>
@@ -18,13 +18,13 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr double kPrompt = 60;  // seconds; what is tested would take longer than this, or for ever
+constexpr double kPrompt = 60;  // seconds; without the tested behaviour, requests would take longer or hang
 
 Picture no_picture(const PictureRequest&) {
   return {.bytes = "picture", .headers = {{"Ubs-Iteration", "7"}}};
 }
 
-// Sends a request for a picture and draws until it is answered.
+// Sends a request for an image, and renders until it is answered.
 Answer picture(Server& server, const std::string& body, const Server::Draw& draw = no_picture) {
   auto answer = std::async(std::launch::async, [&] { return answer_of(server, post(body)); });
   while (answer.wait_for(0s) != std::future_status::ready) server.serve(10ms, draw);
@@ -39,7 +39,7 @@ bool one_line(const std::string& text) {
   return text.size() > 5 && text.size() <= 301 && text.find('\n') == text.size() - 1;
 }
 
-TEST_CASE("a picture is answered with its numbers") {
+TEST_CASE("an answer contains the image and its numbers") {
   Started server;
   const Answer answer = picture(server, request_json().dump());
   CHECK(answer.status == 200);
@@ -52,7 +52,7 @@ TEST_CASE("a picture is answered with its numbers") {
   CHECK(answer_of(server, get("/")).body == "<p>page</p>");
 }
 
-TEST_CASE("an exception of any type while a picture is drawn ends that answer and nothing else") {
+TEST_CASE("an exception of any type while an image is rendered only ends this answer") {
   Started server;
   const auto thrown = [&](const Server::Draw& draw) {
     const Answer answer = picture(server, request_json().dump(), draw);
@@ -70,7 +70,7 @@ TEST_CASE("an exception of any type while a picture is drawn ends that answer an
   CHECK(picture(server, request_json().dump()).status == 200);
 }
 
-TEST_CASE("numbers of a request neither wrap nor are rounded") {
+TEST_CASE("numbers of a request neither overflow nor are rounded") {
   Started server;
   const auto refused = [&](const std::string& body) {
     INFO(body.substr(0, 200));
@@ -96,7 +96,7 @@ TEST_CASE("numbers of a request neither wrap nor are rounded") {
   refused(changed("extra", {true}));
   refused(changed("extra", {1e300}));
   Json request = request_json();
-  request["camera"]["width"] = 65535, request["camera"]["height"] = 31;  // wider than a JPEG may be
+  request["camera"]["width"] = 65535, request["camera"]["height"] = 31;  // wider than a JPEG can be
   refused(request.dump());
   request["camera"]["width"] = request["camera"]["height"] = 3000;
   refused(request.dump());
@@ -112,7 +112,7 @@ TEST_CASE("numbers of a request neither wrap nor are rounded") {
   CHECK(picture(server, request_json().dump()).status == 200);
 }
 
-TEST_CASE("what is not a request of the page is refused") {
+TEST_CASE("requests that the page would not send are rejected") {
   Started server;
   const std::string body = request_json().dump(), json = "Content-Type: application/json\r\n";
   const auto status = [&](const std::string& request) { return answer_of(server, request).status; };
@@ -134,7 +134,7 @@ TEST_CASE("what is not a request of the page is refused") {
   CHECK(refused.head.find("EXCEPTION") == std::string::npos);
 }
 
-TEST_CASE("requests are bounded, and nothing of an answer is cut out or compressed") {
+TEST_CASE("requests have a limited size, and answers support neither ranges nor compression") {
   Started server;
   const auto with = [](const std::string& headers) { return get("/", "Host: localhost\r\n" + headers); };
   CHECK(answer_of(server, std::string("\0\1\2\3\r\n\r\n", 8)).status != 200);
@@ -143,7 +143,8 @@ TEST_CASE("requests are bounded, and nothing of an answer is cut out or compress
   std::string lines;
   for (int i = 0; i < 100000; ++i) lines += "X: x\r\n";
   CHECK(answer_of(server, with(lines)).status == 0);
-  // Long ranges would need more stack than some threads have; many would multiply the page.
+  // Long ranges would need more stack than some threads have, and many ranges would multiply the size of the
+  // page.
   std::string ranges = "bytes=0-0";
   while (ranges.size() < 8000) ranges += ",0-9";
   for (const std::string& header : std::vector<std::string>{
@@ -165,22 +166,22 @@ TEST_CASE("a connection answers one request") {
   CHECK(text.find("HTTP/1.1", 1) == std::string::npos);
 }
 
-TEST_CASE("who holds connections without asking keeps nobody out") {
+TEST_CASE("open connections without requests do not block other clients") {
   Started server("0.0.0.0");
   const std::string token = server.url().substr(server.url().find('?'));
   std::vector<Client> held;
   for (int i = 0; i < 100; ++i) {
     held.emplace_back(server);
-    if (i % 4 == 1) held.back().send("GET /state");           // goes on too slowly
+    if (i % 4 == 1) held.back().send("GET /state");           // continues too slowly
     if (i % 4 == 2) held.back().send(get("/state"));          // has no token
-    if (i % 4 == 3) held.back().send(post("{}").substr(40));  // is no request
+    if (i % 4 == 3) held.back().send(post("{}").substr(40));  // is not a valid request
   }
   for (int i = 0; i < 10; ++i) CHECK(answer_of(server, get("/state" + token)).status == 200);
   CHECK(answer_of(server, get("/state")).status == 403);
   CHECK(answer_of(server, get("/state?token=" + std::string(32, '0'))).status == 403);
 }
 
-TEST_CASE("closing does not wait for visitors who are silent, slow or do not read") {
+TEST_CASE("closing does not wait for clients that are silent, slow or do not read") {
   std::optional<Started> server(std::in_place);
   std::vector<Client> held;
   for (int i = 0; i < 20; ++i) {
@@ -189,7 +190,7 @@ TEST_CASE("closing does not wait for visitors who are silent, slow or do not rea
   }
   const Client deaf(*server);
   deaf.send(post(request_json().dump()));
-  // More than the buffers of the system hold.
+  // More data than the buffers of the system can hold.
   while (!server->serve(10ms, [](const PictureRequest&) {
     return Picture{std::string(100 << 20, 'x'), {}};
   })) {
@@ -199,7 +200,7 @@ TEST_CASE("closing does not wait for visitors who are silent, slow or do not rea
   CHECK(watch.seconds() < kPrompt);
 }
 
-TEST_CASE("who waits for a picture at the end is told that it has ended") {
+TEST_CASE("clients that wait for an image at the end are informed that the server has stopped") {
   int status = 0;
   for (int round = 0; round < 100 && status == 0; ++round) {
     std::optional<Started> server(std::in_place);
@@ -212,7 +213,7 @@ TEST_CASE("who waits for a picture at the end is told that it has ended") {
   CHECK(status == 410);
 }
 
-TEST_CASE("an address that is not of this machine, taken or empty is refused as wrong usage") {
+TEST_CASE("an address that is not local, in use or empty is a usage error") {
   const Started server;
   const std::string& url = server.url();
   const int taken = std::stoi(url.substr(url.rfind(':') + 1));

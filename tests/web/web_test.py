@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages of `ubs web` in a real browser, against the pictures of `ubs render`: web_test.py UBS [NAME ...].
+"""Compares pages of `ubs web` in a real browser with the images of `ubs render`: web_test.py UBS [NAME ...].
 
 Exits with 77 where there is no Chromium or no numpy. UBS_CHROMIUM names another browser of its family. Without names
 all are run but those of LONG, which UBS_TEST_ALL=1 adds."""
@@ -68,7 +68,7 @@ CAMERAS = [
 ]  # far away
 
 
-# As a model names them (docs/data.md).
+# The names of the model file (docs/data.md).
 def notes():
     c = CAMERAS[0]
     lines = [f"comment ubs_lens {c['width']} {c['height']} {c['fx']:.9g} {c['fy']:.9g}"]
@@ -90,7 +90,7 @@ def notes():
     return lines
 
 
-# ---- Models: random splats, of which every parameter matters ----
+# ---- Models: random splats whose image depends on every parameter ----
 
 
 def rows(rng, n, dim, switches, size=1.0):
@@ -102,7 +102,7 @@ def rows(rng, n, dim, switches, size=1.0):
     elif colour.startswith("sb"):
         lobes = int(colour[2])
         columns += [(f"f_dc_{k}", rng.normal(0, 1, n)) for k in range(3)]
-        # Fields of all lobes: three colours, two angles, beta.
+        # Values of all lobes: three colours, two angles and a beta each.
         columns += [
             (f"sb_params_{k}", rng.normal(0, 0.4 if k < 3 * lobes else 2 if k < 5 * lobes else 1, n))
             for k in range(6 * lobes)
@@ -250,7 +250,7 @@ def compare(page, folder, least, dims, *options, **switches):
     return f"worst {worst:.1f} dB"
 
 
-# Seen with Chromium 156 and SwiftShader: worst 57 dB exact, which is the rounding to 8 bits.
+# Observed with Chromium 156 and SwiftShader: at least 57 dB without quantisation, which is due to rounding to 8 bits.
 def exact(dims, **switches):
     return lambda page, folder: compare(page, folder, 45, dims, "--exact", **switches)
 
@@ -259,7 +259,7 @@ def quantised(*dims):
     return lambda page, folder: compare(page, folder, 40, dims)
 
 
-# Learnt weights stand in the rows of the query betas, and are none.
+# Learnt weights are stored in the rows of the query betas, but are not betas.
 def learnt(page, folder):
     form = {"conditioning": "direct", "kernel": "gaussian", "beta_opacity": "gaussian"}
     said = compare(page, folder, 45, (6,), "--exact", **form)
@@ -278,7 +278,7 @@ def channels(page, folder):
     wait(page)
     picture = shown(page, CAMERAS[0], 1)
     assert psnr(picture, np.repeat(alpha[:, :, None], 3, 2)) >= 45
-    # Depth is drawn in colours that get brighter towards the camera.
+    # Depth is shown in colours that get brighter towards the camera.
     brightness = shown(page, CAMERAS[0], 2).sum(2)
     solid = alpha > 0.5
     assert np.corrcoef(brightness[solid], depth[solid])[0, 1] < -0.9
@@ -320,7 +320,7 @@ def poster(page, folder):
     assert (folder / "still.png").read_bytes()[:4] == b"\x89PNG"
     page.open(html)
     wait(page)
-    page.run("V.size = [64, 64], V.settled().then(() => 0)")  # the camera that the page starts with
+    page.run("V.size = [64, 64], V.settled().then(() => 0)")  # the initial camera of the page
     picture = pixels(page)
     assert psnr(picture, truth) >= 40
     still = page.run("""(async () => {
@@ -342,7 +342,7 @@ def poster(page, folder):
         assert len(shot["data"]) > 10000, "a black page before the first frame"
 
 
-# The first level is drawn while the rest of the page has not come; the last one is the whole model.
+# The first level is shown before the rest of the page has arrived, and the last level is the whole model.
 def levels(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (7, 3), count=16000, size=0.3)
@@ -392,7 +392,7 @@ def levels(page, folder):
     page.open(folder / "cut.html")
     page.run("V = document.getElementById('ubs-viewer').viewer, V.complete.then(() => 0)")
     assert page.run("V.failed") == "the model is cut off", page.run("V.failed")
-    # A level that cannot be unpacked stays the next one: no other is taken from its place.
+    # A level that cannot be unpacked remains the next one, and no other level is used instead.
     second = text.index(b">", text.index(b"octet-stream", first)) + 2000
     (folder / "bad.html").write_bytes(text[:second] + b"AAAA" * 8 + text[second + 32 :])
     page.open(folder / "bad.html")
@@ -417,7 +417,7 @@ def levels(page, folder):
     return f"{psnr(coarse, truth):.1f} dB, then {psnr(whole, truth):.1f} dB"
 
 
-# The viewer on top of a report, beside its other pictures; the checkbox of the command leaves it out.
+# A report has the viewer at the top, in addition to its other images, and an option of the command removes it.
 def report(page, folder):
     data, run = folder / "data", folder / "run"
     ubs("synth", "orbit", "--out", data, "--size", 64, "--views", 12, "--test-views", 2)
@@ -546,7 +546,7 @@ def interaction(page, folder):
         HTMLAnchorElement.prototype.click = function () { done(this.download + this.href.slice(0, 5)); };
         V.screenshot(); })""")
     assert saved == "<b>a & b\\x01.pngblob:", saved
-    # Every control has a name for those who do not see it.
+    # Every control has an accessible name.
     assert page.run("""[...document.querySelectorAll('input, select, button')].filter((e) =>
         !(e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label'))).length""") == 0
     for scheme in ("dark", "light"):
@@ -556,7 +556,7 @@ def interaction(page, folder):
     quiet(page)
 
 
-# One byte of the container is changed or it is cut off; the page says so.
+# If a byte of the container is changed or it is truncated, the page reports this.
 def damage(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (6,))
@@ -589,7 +589,7 @@ def damage(page, folder):
             ubs("info", folder / "bad.ubsz", code=3)
 
 
-# What all processes of the browser hold.
+# Returns the memory of all processes of the browser.
 def resident(page):
     parents, sizes = {}, {}
     for entry in Path("/proc").iterdir():
@@ -619,7 +619,7 @@ def memory(page, folder):
         )
         held.append((page.run("performance.memory.usedJSHeapSize"), resident(page)))
     growth = [held[-1][k] - held[1][k] for k in (0, 1)]
-    # Seen: 20 kB of objects; all processes shrink or grow by a few MB as the browser sees fit.
+    # Observed: 20 kB of objects. The memory of all processes varies by a few MB.
     assert growth[0] < 1.5e5, held
     assert growth[1] < 1.5e7, held
     quiet(page)
@@ -638,7 +638,7 @@ def container(page, folder):
     assert size < 0.5 * (folder / "m.ubsz").stat().st_size
     assert ubs("info", folder / "small.ubsz", "--json").count('"splats"') > 0
     ubs("web", folder / "small.ubsz", "--out", folder / "again.html", "--exact", "--quiet")
-    return f"{size / COUNT:.1f} bytes a splat"
+    return f"{size / COUNT:.1f} bytes per splat"
 
 
 TESTS = {
@@ -672,7 +672,8 @@ TESTS = {
 }
 
 
-# No test: what a page does a second on this machine; the fastest frame, since others may use the machine.
+# This is not a test. It measures the frames per second of a page on this machine, from the fastest frame, because other
+# programs may use the machine.
 def speed(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     for dim, count in ((6, 15000), (6, 100000), (7, 100000)):

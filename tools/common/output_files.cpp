@@ -116,7 +116,7 @@ std::unique_ptr<FolderLock> take_folder(const fs::path& folder, const Paths& nam
                                         bool overwrite) {
   if (folder.empty()) return nullptr;
   if (path_exists(folder) && !is_folder(folder))
-    fail(ErrorKind::usage, "{}: is not a folder", folder.string());
+    fail(ErrorKind::usage, "{}: this is not a folder", folder.string());
   check_apart(folder, data);
   Paths files;
   for (const fs::path& name : names) files.push_back(folder / name);

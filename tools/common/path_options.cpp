@@ -136,7 +136,7 @@ void PathOptions::check_unused(bool sized) const {
   if (!path_.empty()) return;
   for (const CLI::Option* option : options_)
     if (option->count() > 0 && !(holds() && option == frames_option_) && !(sized && option == size_option_))
-      fail(ErrorKind::usage, "{} belongs to --path", option->get_name());
+      fail(ErrorKind::usage, "{} requires --path", option->get_name());
 }
 
 void PathOptions::check_no_turn() const {
@@ -151,7 +151,7 @@ FrameHints PathOptions::hints(const LoadedModel& model, double fov) const {
   if (!centre_.empty()) hints.centre = parse_vector("--centre", centre_) - model.offset;
   if (!up_.empty()) {
     hints.up = parse_vector("--up", up_);
-    if (!(length(*hints.up) > 1e-9)) fail(ErrorKind::usage, "--up {}: has no direction", up_);
+    if (!(length(*hints.up) > 1e-9)) fail(ErrorKind::usage, "--up {}: the vector has no direction", up_);
   }
   if (distance_ > 0) hints.distance = distance_;
   if (elevation_option_->count() > 0) hints.elevation = elevation_ * kDegree;

@@ -19,7 +19,7 @@ Json point_json(const PlanPoint& point) {
 
 std::string point_text(const char* when, const PlanPoint& point, const char* what) {
   return fmt::format(
-      "{:<10} {:>10} splats {:>12.0f} intersections a view, {} at most {:>10.2f} ms a {} ({})\n", when,
+      "{:<10} {:>10} splats {:>12.0f} intersections per view, {} at most {:>10.2f} ms per {} ({})\n", when,
       point.splats, point.mean_intersections, point.most_intersections, point.step_ms, what,
       point.measured ? "measured" : "scaled");
 }
@@ -29,7 +29,7 @@ std::string stages_text(const RunPlan& plan) {
   for (const StageUse& use : plan.stages)
     text += fmt::format("{:<18} {:>9.3f}  {}\n", use.stage, use.device_ms, fmt::join(use.kernels, " "));
   if (plan.programs.empty()) return text + "kernels are compiled ahead of time\n";
-  text += "\nprograms (sources; what they are specialised by; kernels)\n";
+  text += "\nprograms (sources; options; kernels)\n";
   for (const ProgramUse& use : plan.programs)
     text += fmt::format("{}\n    {}\n    {}\n", use.sources, use.options, fmt::join(use.kernels, " "));
   return text;
@@ -43,10 +43,9 @@ std::string memory_text(const RunPlan& plan, const DeviceInfo& device) {
         item.unit == MemoryUnit::fixed ? "" : fmt::format("{:.0f}/{}", item.each, to_string(item.unit)),
         mib(item.bytes));
   const MemoryItem& largest = plan.memory.largest();
-  text +=
-      fmt::format("total {:.1f} MiB of {:.0f} MiB; largest '{}' {:.1f} of {:.0f} MiB in one piece{}: {}\n",
-                  mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
-                  mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
+  text += fmt::format("total {:.1f} MiB of {:.0f} MiB; largest buffer '{}' {:.1f} of {:.0f} MiB{}: {}\n",
+                      mib(plan.memory.total()), mib(device.memory_bytes), largest.label, mib(largest.bytes),
+                      mib(device.max_allocation_bytes), memory_limits_text(), fit_text(plan, device));
   return text;
 }
 
@@ -93,12 +92,12 @@ std::string plan_text(const RunPlan& plan, const DeviceInfo& device) {
   if (plan.levels.size() > 1)
     for (const PlanLevel& l : plan.levels)
       text +=
-          fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms a step\n", l.until,
-                      l.factor > 1 ? fmt::format("1/{} size", l.factor) : "whole size", l.start_ms, l.end_ms);
+          fmt::format("to {:>7} {:>10} {:>6.2f} to {:.2f} ms per step\n", l.until,
+                      l.factor > 1 ? fmt::format("1/{} size", l.factor) : "full size", l.start_ms, l.end_ms);
   text += fmt::format("intersections counted on the device in {} views\n", plan.views_measured);
-  text += training ? fmt::format("{} iterations at the measured {:.2f} ms a step: {}\n", plan.iterations,
+  text += training ? fmt::format("{} iterations at the measured {:.2f} ms per step: {}\n", plan.iterations,
                                  plan.step_ms, duration_text(plan.seconds))
-                   : fmt::format("all views at the measured {:.2f} ms a view: {}\n", plan.start.step_ms,
+                   : fmt::format("all views at the measured {:.2f} ms per view: {}\n", plan.start.step_ms,
                                  duration_text(plan.seconds));
   if (!plan.note.empty()) text += plan.note + "\n";
   return text + stages_text(plan) + memory_text(plan, device);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress prints the progress of a training run to stderr, CountProgress that of anything that is counted.
-// On a terminal they rewrite one line; otherwise they print a line about every ten seconds of `time`. If
+// Progress prints the progress of a training run to stderr, and CountProgress that of other counted work. On
+// a terminal they rewrite one line; otherwise they print a line about every ten seconds of `time`. If
 // `silent` is set, they print nothing.
 #pragma once
 

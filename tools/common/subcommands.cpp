@@ -65,7 +65,7 @@ std::vector<std::string> words_of_help(std::vector<std::string> arguments) {
 // all its files.
 void check_ranks(const CLI::App& command, const CommandEntry& entry) {
   if (ranks().size() > 1 && !entry.runs_on_ranks)
-    fail(ErrorKind::usage, "'{}' runs in one process only: start it without mpirun", full_name(command));
+    fail(ErrorKind::usage, "'{}' only runs in a single process: start it without mpirun", full_name(command));
 }
 
 int run(int argc, char** argv) {
@@ -113,7 +113,7 @@ int run(int argc, char** argv) {
       check_ranks(*commands[i].app, running->commands[i]);
       return commands[i].run();
     }
-  fail(ErrorKind::internal, "no subcommand ran");
+  fail(ErrorKind::internal, "no subcommand was run");
 }
 
 int run_reporting_errors(int argc, char** argv) {

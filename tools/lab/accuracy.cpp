@@ -51,11 +51,11 @@ void check_measured(const Configuration& c) {
       const std::string key = assignment.substr(0, assignment.find('='));
       const bool of_kernels = part == &c.settings && std::ranges::count(kMeasured, key) > 0;
       if (!of_kernels && !variant_values(key))
-        fail(
-            ErrorKind::usage,
-            "--config: {} of '{}' changes nothing here: choose the form of the method (docs/variants.md){}{}",
-            key, c.label, part == &c.settings ? " or one of " : "",
-            part == &c.settings ? fmt::format("{}", fmt::join(kMeasured, ", ")) : "");
+        fail(ErrorKind::usage,
+             "--config: {} of '{}' has no effect here: pass a setting of the form of the method "
+             "(docs/variants.md){}{}",
+             key, c.label, part == &c.settings ? " or one of " : "",
+             part == &c.settings ? fmt::format("{}", fmt::join(kMeasured, ", ")) : "");
     }
 }
 
@@ -100,7 +100,7 @@ NamedScene file_scene(const AccuracyOptions& options) {
 std::vector<NamedScene> load_scenes(const AccuracyOptions& options, Device& device) {
   std::vector<NamedScene> scenes;
   if (options.model.empty() && !options.data.empty())
-    fail(ErrorKind::usage, "--data has the images that a model is compared with: name it with --model");
+    fail(ErrorKind::usage, "--data requires --model: it provides the images that the model is compared with");
   if (!options.model.empty()) scenes.push_back(file_scene(options));
   std::vector<std::string> names = options.scenes;
   if (names.empty() && scenes.empty())
@@ -174,14 +174,14 @@ int run(const AccuracyOptions& options) {
 }  // namespace
 
 Command add_accuracy(CLI::App& root) {
-  CLI::App* app =
-      root.add_subcommand("accuracy", "Measure errors against float64 beside time (docs/accuracy.md)");
+  CLI::App* app = root.add_subcommand(
+      "accuracy", "Measure the errors (against float64) and the times of approximations (docs/accuracy.md)");
   const auto options = std::make_shared<AccuracyOptions>(*app);
   app->add_option("--out", options->out, "folder for accuracy.csv and accuracy.json")
       ->required()
       ->type_name("DIR");
   app->add_option("--scene", options->scenes,
-                  "embedded scenes, trained briefly [all, unless --model is given]")
+                  "built-in scenes, which are trained briefly [all, unless --model is given]")
       ->check(CLI::IsMember(synthetic_scene_names()))
       ->delimiter(',')
       ->type_name("A,B,...");
@@ -189,33 +189,36 @@ Command add_accuracy(CLI::App& root) {
                    "splat model or run folder, measured with a view of --data");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
   app->add_option("--split", options->split, "split of --data [test]")->type_name("NAME");
-  app->add_option("--view", options->view, "number of the view [0]")->check(not_negative())->type_name("K");
-  app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as other commands]")
+  app->add_option("--view", options->view, "index of the view [0]")->check(not_negative())->type_name("K");
+  app->add_option("--device", options->devices, "devices, as listed by 'ubs devices' [as for other commands]")
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option(
-         "--config", options->configurations,
-         "a form to measure with the default, instead of the standard ones; after a bar, what the truth has "
-         "(repeatable)")
+  app->add_option("--config", options->configurations,
+                  "settings to measure and compare with the default, instead of the standard configurations; "
+                  "after a bar, settings of the float64 reference (repeatable)")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("LABEL:KEY=VALUE,...[|KEY=VALUE]");
-  app->add_option("--splats", options->splats, "of embedded scenes [10000]")
+  app->add_option("--splats", options->splats, "number of splats of built-in scenes [10000]")
       ->check(from_to(1, 10'000'000))
       ->type_name("COUNT");
-  app->add_option("--size", options->size, "width and height of embedded scenes [200]")
+  app->add_option("--size", options->size, "width and height of the images of built-in scenes [200]")
       ->check(from_to(16, 4096))
       ->type_name("PIXELS");
-  app->add_option("--iterations", options->iterations, "of training embedded scenes [300]")
+  app->add_option("--iterations", options->iterations,
+                  "number of training iterations of built-in scenes [300]")
       ->check(from_to(1, 100'000))
       ->type_name("COUNT");
-  app->add_option("--dim", options->dim, "N of embedded scenes; orbit has one more than 3 or 6 [6]")
+  app->add_option(
+         "--dim", options->dim,
+         "dimensions of built-in scenes; the dynamic scene orbit uses 4 instead of 3 and 7 instead of 6 [6]")
       ->check(CLI::IsMember({3, 4, 6, 7}))  // built-in scenes have no further query values
       ->type_name("N");
-  app->add_option("--rounds", options->rounds, "of timing [9]")
+  app->add_option("--rounds", options->rounds, "number of repetitions of the time measurements [9]")
       ->check(from_to(1, 10'000))
       ->type_name("COUNT");
-  app->add_flag("--quick", options->quick, "one tiny scene and two configurations: seconds");
+  app->add_flag("--quick", options->quick,
+                "measure one tiny scene with two configurations, which takes seconds");
   app->add_flag("--quiet", options->quiet, "print errors and warnings only");
   add_overwrite_option(*app, options->overwrite);
   // Options that only apply to a model, and options that only apply to built-in scenes.
@@ -223,7 +226,7 @@ Command add_accuracy(CLI::App& root) {
   return {app, [app, options] {
             for (const char* name : {"--splats", "--size", "--iterations", "--dim"})
               if (app->count(name) > 0 && !options->model.empty() && options->scenes.empty())
-                fail(ErrorKind::usage, "{} is of embedded scenes: name them with --scene", name);
+                fail(ErrorKind::usage, "{} only applies to built-in scenes: select one with --scene", name);
             const auto quick = [&](const char* name, auto& value, int small) {
               if (options->quick && app->count(name) == 0)
                 value = static_cast<std::remove_reference_t<decltype(value)>>(small);

@@ -106,12 +106,13 @@ int run(BenchOptions& options) {
   const TrainSettings training = training_settings(options);
   const std::vector<BenchCase> cases =
       select_cases(all_cases(case_options(options, training)), options.regex);
-  if (cases.empty()) fail(ErrorKind::usage, "--run '{}' matches no case; --list shows them", options.regex);
+  if (cases.empty())
+    fail(ErrorKind::usage, "--run '{}' matches no case: list the cases with --list", options.regex);
   const ModelVariant form = training.variant;
   if (form != ModelVariant{} &&
       std::ranges::any_of(cases, [](const BenchCase& which) { return which.scene == "synthetic"; }))
     fail(ErrorKind::usage,
-         "scene 'synthetic' exists in the default form only, not as '{}'; choose others with --run",
+         "scene 'synthetic' only exists in the default form, not as '{}': choose other scenes with --run",
          to_string(form));
   if (options.list) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
@@ -142,7 +143,8 @@ int run(BenchOptions& options) {
   const std::vector<bench::Comparison> comparisons = compare(reports, baseline);
   if (comparisons.empty() && code != 0) return code;
   if (comparisons.empty())  // this must not look like a success
-    fail(ErrorKind::data, "{}: no case of this run is in it, so nothing was compared", options.baseline);
+    fail(ErrorKind::data, "{}: the baseline contains no case of this run, so nothing was compared",
+         options.baseline);
   say("\n{}", comparison_text(comparisons));
   const auto slower = std::ranges::count_if(comparisons, &bench::Comparison::regression);
   if (slower > 0) say("{} of {} cases are slower than the baseline\n", slower, comparisons.size());
@@ -155,21 +157,21 @@ Command add_bench(CLI::App& root) {
   const auto options = std::make_shared<BenchOptions>();
   CLI::App* app = root.add_subcommand("bench", "Measure speed and memory (docs/benchmarks.md)");
   app->add_option("--run", options->regex,
-                  "only cases whose name contains a match of this regular expression")
+                  "run only cases whose names contain a match of this regular expression")
       ->type_name("REGEX");
-  app->add_flag("--list", options->list, "print the names of the cases and stop");
+  app->add_flag("--list", options->list, "print the names of the cases without running them");
   app->add_option("--device", options->devices,
-                  "devices to compare, as listed by 'ubs devices' [as other commands]")
+                  "devices to compare, as listed by 'ubs devices' [as for other commands]")
       ->delimiter(',')
       ->type_name("A,B,...");
-  app->add_option("--raster", options->raster, "auto|cpu|gpu: rasteriser and lists")
+  app->add_option("--raster", options->raster, "kind of the rasteriser and the lists: auto, cpu or gpu")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
-  app->add_option("--dim", options->dim, "N of the models; the dynamic scene has one more [6]")
+  app->add_option("--dim", options->dim, "dimensions of the models; the dynamic scene has one more [6]")
       ->check(from_to(3, 11))
       ->type_name("N");
   app->add_option("--sizes", options->sizes,
-                  "image and model sizes of all built-in scenes, such as 400x400/100K")
+                  "image sizes and numbers of splats of all built-in scenes, such as 400x400/100K")
       ->delimiter(',')
       ->type_name("WxH/SPLATS,...");
   app->add_option("--garden", options->garden,
@@ -182,25 +184,27 @@ Command add_bench(CLI::App& root) {
       ->type_name("DIR");
   app->add_option(
          "--set", options->assignments,
-         "a setting of all cases: the form and the work left out (kernel, colour, alpha_min, freeze, ...: "
+         "a setting of all cases: the form and skipped work (kernel, colour, alpha_min, freeze, ...: "
          "docs/variants.md), approximations (math, ...: docs/accuracy.md), or how --data are read")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("KEY=VALUE");
-  app->add_option("--min-time", options->min_time, "least seconds a case [0.3]")
+  app->add_option("--min-time", options->min_time, "minimum time per case in seconds [0.3]")
       ->check(not_negative())
       ->type_name("S");
-  app->add_option("--max-time", options->max_time, "most seconds a case [2]")
+  app->add_option("--max-time", options->max_time, "maximum time per case in seconds [2]")
       ->check(positive())
       ->type_name("S");
-  app->add_option("--uncertainty", options->uncertainty,
-                  "repeat until the standard error of the median is this share of it [0.01]")
+  app->add_option(
+         "--uncertainty", options->uncertainty,
+         "repeat until the standard error of the median is at most this fraction of the median [0.01]")
       ->check(positive())
       ->type_name("SHARE");
-  app->add_flag("--quick", options->quick, "tiny cases, hardly repeated: shows that everything runs");
+  app->add_flag("--quick", options->quick,
+                "run tiny cases with few repetitions, to check that everything runs");
   app->add_option("--json", options->json, "write all results to this file")->type_name("FILE");
   app->add_option("--baseline", options->baseline,
-                  "compare with a file of --json; exit code 8 when a case is slower beyond the noise")
+                  "compare with a file written by --json; exit code 8 if a case is significantly slower")
       ->type_name("FILE");
   add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};

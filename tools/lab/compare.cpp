@@ -270,24 +270,25 @@ int run(CompareOptions& options) {
 }  // namespace
 
 Command add_compare(CLI::App& root) {
-  CLI::App* app = root.add_subcommand("compare", "Compare devices: same image, same gradient, how fast");
+  CLI::App* app = root.add_subcommand("compare", "Compare the images, gradients and speed of devices");
   const auto options = std::make_shared<CompareOptions>(*app);
-  app->add_option(
-         "--devices", options->devices,
-         "as --device elsewhere; the first is the reference; NAME@cpu and NAME@gpu choose the rasteriser "
-         "of an OpenCL device")
+  app->add_option("--devices", options->devices,
+                  "devices, as listed by 'ubs devices'; the first is the reference; NAME@cpu and NAME@gpu "
+                  "choose the rasteriser of an OpenCL device")
       ->required()
       ->delimiter(',')
       ->type_name("A,B,...");
   add_model_option(*app, "model,--model", options->model)->required();
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
-  app->add_option("--split", options->split, "of the view that is drawn and of the tests [test]")
+  app->add_option("--split", options->split,
+                  "split that contains the rendered view and the test views [test]")
       ->type_name("NAME");
-  app->add_option("--view", options->view, "number of the view in the split [0]")->type_name("K");
-  app->add_option("--repeat", options->repeat, "runs to take times from [20]")
+  app->add_option("--view", options->view, "index of the view in the split [0]")->type_name("K");
+  app->add_option("--repeat", options->repeat, "number of repetitions of the time measurements [20]")
       ->check(from_to(1, 100000))
       ->type_name("INT");
-  app->add_option("--train-iterations", options->train_iterations, "also train on each device [0]")
+  app->add_option("--train-iterations", options->train_iterations,
+                  "also train for this number of iterations on each device; 0: do not train [0]")
       ->check(from_to(0, 1000000))
       ->type_name("INT");
   app->add_option("--out", options->out, "folder for compare.json, compare.csv and the page compare.md")

@@ -45,14 +45,14 @@ std::vector<float> planar_target(const GradientsOptions& options, const View& vi
   if (!options.target.empty()) {
     NpyArray array = read_npy(options.target);
     if (array.shape != std::vector<std::size_t>{height, width, 3})
-      fail(ErrorKind::data, "{}: the shape is ({}), view '{}' needs ({}, {}, 3)", options.target,
+      fail(ErrorKind::data, "{}: the shape is ({}), but view '{}' needs ({}, {}, 3)", options.target,
            fmt::join(array.shape, ", "), view.name, height, width);
     interleaved = std::move(array.values);
     if (!std::ranges::all_of(interleaved, [](float v) { return std::isfinite(v); }))
-      fail(ErrorKind::data, "{}: holds values that are not finite", options.target);
+      fail(ErrorKind::data, "{}: contains values that are not finite", options.target);
   } else {
     if (!view.has_image())
-      fail(ErrorKind::data, "view '{}' has no image file: give the target with --target T.npy", view.name);
+      fail(ErrorKind::data, "view '{}' has no image file: pass the target with --target T.npy", view.name);
     const Image8 image = view.load_image();
     mask = image.mask;
     for (const std::uint8_t v : image.rgb) interleaved.push_back(static_cast<float>(v) / 255.0f);
@@ -161,15 +161,15 @@ Command add_gradients(CLI::App& root) {
       "gradients", "Write the gradient of one view's loss with respect to every parameter");
   const auto options = std::make_shared<GradientsOptions>(*app);
   app->get_option("--data")->description(kRunDataHelp);
-  app->add_option("--view", options->view, "number of the view in the split")->required()->type_name("K");
+  app->add_option("--view", options->view, "index of the view in the split")->required()->type_name("K");
   app->add_option("--target", options->target, "float32 (H,W,3) image to compare with [the view's image]")
       ->type_name("T.npy");
-  app->add_option("--out", options->out, "gradients in the layout of the model file")
+  app->add_option("--out", options->out, "file to write the gradients to, in the layout of the model file")
       ->required()
       ->type_name("G.ply");
   app->add_flag("--cameras", options->cameras,
-                "also the gradient with respect to the camera: pose, matrix, focal lengths, principal point, "
-                "queries");
+                "also compute the gradient with respect to the camera: pose, matrix, focal lengths, "
+                "principal point, queries");
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "machine-readable output");
   return {app, [options] { return run(*options); }};

@@ -11,8 +11,8 @@
 namespace ubs::tools {
 
 Command add_stress(CLI::App& root) {
-  CLI::App* app =
-      root.add_subcommand("stress", "Stiff, extreme and random cases against float64 (docs/stability.md)");
+  CLI::App* app = root.add_subcommand(
+      "stress", "Compare difficult, extreme and random cases with float64 (docs/stability.md)");
   app->set_help_flag();  // Catch2 has its own help
   app->set_help_all_flag();
   app->prefix_command();

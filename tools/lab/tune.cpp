@@ -59,11 +59,13 @@ bench::BenchScene scene_of(const TuneOptions& options, const DeviceInfo& device)
     read_as(reading, run);
     bench::BenchScene scene = open_bench_model(options.model, data, reading, run.opened);
     if (scene.mixed.mixed())
-      fail(ErrorKind::usage, "{}: a model of several dimensions is not trained; tune with another",
+      fail(ErrorKind::usage,
+           "{}: the model has splats of different dimensions and cannot be trained: choose another model",
            options.model);
     return scene;
   }
-  if (!options.data.empty()) fail(ErrorKind::usage, "--data is for the cameras of a --model");
+  if (!options.data.empty())
+    fail(ErrorKind::usage, "--data requires --model: it provides the cameras of the model");
   if (options.size.empty()) return bench::tuning_scene(device, options.quick);
   const bench::SceneSize size = bench::parse_scene_size(options.size);
   return bench::synthetic_object(6, size.splats, size.width, size.height, 1);
@@ -115,9 +117,9 @@ int run(const TuneOptions& options) {
       std::ranges::count_if(table, [&](const TunedConstant& c) { return c.raster == raster; });
   say("{} of {} constants differ from their defaults", values.size(), constants);
   for (const auto& [macro, value] : values) say(", {} = {}", macro, value);
-  if (skipped > 0) say("; {} trials left out for lack of time", skipped);
+  if (skipped > 0) say("; {} trials were skipped, because the time limit was reached", skipped);
   if (options.dry_run) {
-    say("; nothing is stored (--dry-run)\n");
+    say("; not stored (--dry-run)\n");
   } else {
     save_tuning(device->info(), table, raster, values);
     say("; stored in {}\n", file);
@@ -129,24 +131,27 @@ int run(const TuneOptions& options) {
 
 Command add_tune(CLI::App& root) {
   const auto options = std::make_shared<TuneOptions>();
-  CLI::App* app =
-      root.add_subcommand("tune", "Find the fastest constants and structures on a device (docs/tuning.md)");
+  CLI::App* app = root.add_subcommand(
+      "tune", "Find the fastest values of the tuned constants on a device (docs/tuning.md)");
   add_device_option(*app, options->device);
-  app->add_option("--raster", options->raster, "auto|cpu|gpu: which kernels of OpenCL")
+  app->add_option("--raster", options->raster, "OpenCL kernels to tune: auto, cpu or gpu")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->type_name("KIND");
-  app->add_option("--size", options->size,
-                  "image and model of the synthetic scene [by device], as 400x400/100K")
+  app->add_option(
+         "--size", options->size,
+         "image size and number of splats of the synthetic scene, such as 400x400/100K [chosen by device]")
       ->type_name("WxH/SPLATS");
   add_model_option(*app, "model,--model", options->model,
                    "splat model or run folder instead, seen by the cameras of --data")
       ->excludes("--size");
   app->add_option("data,--data", options->data, kRunDataHelp)->type_name("DIR|FILE");
-  app->add_option("--max-time", options->max_seconds, "begin no trial after so many seconds [no limit]")
+  app->add_option("--max-time", options->max_seconds,
+                  "start no further trial after this number of seconds [no limit]")
       ->check(positive())
       ->type_name("S");
-  app->add_flag("--quick", options->quick, "a small scene, hardly repeated: shows that everything runs");
-  app->add_flag("--dry-run", options->dry_run, "measure and print, store nothing");
+  app->add_flag("--quick", options->quick,
+                "use a small scene and few repetitions, to check that everything runs");
+  app->add_flag("--dry-run", options->dry_run, "measure and print the result without storing it");
   app->add_option("--json", options->json, "write all trials to this file")->type_name("FILE");
   add_overwrite_option(*app, options->overwrite);
   return {app, [options] { return run(*options); }};

@@ -88,8 +88,8 @@ FormVectors form_vectors(const check::Form& form) {
   f.problem.target.assign(scene.target.size(), check::kTarget);
   f.problem.query_grad = form.query_grad;
   if (const std::size_t count = splats_in_first_tile(f.problem); count <= kBatch)
-    fail(ErrorKind::internal, "N = {}, {}: only {} splats in a tile", form.dim, to_string(form.variant),
-         count);
+    fail(ErrorKind::internal, "N = {}, {}: the first tile contains only {} splats", form.dim,
+         to_string(form.variant), count);
   const std::vector<double> no_weights(f.problem.target.size(), 0.0);
   f.problem.undecided = oracle::study(oracle::to_model(f.problem.model), f.problem.camera, no_weights,
                                       oracle_options(f.problem), {.gradient = false})

@@ -51,7 +51,7 @@ Configuration parse_configuration(const std::string& text) {
   const std::size_t colon = text.find(':');
   Configuration configuration{text.substr(0, colon), {}};
   if (configuration.label.empty() || configuration.label.find_first_of(",\"\n|") != std::string::npos)
-    fail(ErrorKind::usage, "--config '{}': write label:key=value,key=value", text);
+    fail(ErrorKind::usage, "--config '{}': expected label:key=value,key=value", text);
   if (colon == std::string::npos) return configuration;
   const std::string rest = text.substr(colon + 1);
   const std::size_t bar = rest.find('|');

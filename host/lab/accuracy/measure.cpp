@@ -30,7 +30,7 @@ Problem problem_of(const NamedScene& scene, const TrainSettings& settings, const
   p.model = scene.scene.model;
   check_variant(p.model.dim, variant);
   if (ParameterLayout(p.model.dim, variant).property_names() != p.model.layout().property_names())
-    fail(ErrorKind::usage, "the form '{}' has other parameters than the model", to_string(variant));
+    fail(ErrorKind::usage, "the form '{}' does not have the parameters of the model", to_string(variant));
   p.model.variant = variant;
   const View& view = scene.scene.views.views.at(scene.view);
   p.camera = view.camera;
@@ -171,7 +171,8 @@ std::vector<Result> Measurement::run() {
   }
   if (std::ranges::none_of(entries_, [](const Entry& e) { return e.run != nullptr; })) {
     if (results_.empty()) return {};
-    fail(ErrorKind::usage, "no configuration runs on {}: {}", device_.info().name, results_.front().note);
+    fail(ErrorKind::usage, "no configuration can be run on {}: {}", device_.info().name,
+         results_.front().note);
   }
   time_rounds();
   for (std::size_t i = 0; i < entries_.size(); ++i)

@@ -56,7 +56,7 @@ SceneSize parse_scene_size(const std::string& text) {
   good = height > 0 && at != end && *at++ == '/';
   const std::size_t splats = good ? read_count(at, end) : 0;
   if (splats == 0 || at != end || width > 16384 || height > 16384)
-    fail(ErrorKind::usage, "'{}' is no size of image and model such as 400x400/100K", text);
+    fail(ErrorKind::usage, "'{}' is not an image size and a number of splats, such as 400x400/100K", text);
   return {splats, static_cast<int>(width), static_cast<int>(height)};
 }
 
@@ -100,7 +100,7 @@ std::vector<BenchCase> select_cases(const std::vector<BenchCase>& cases, const s
   try {
     pattern = std::regex(regex, std::regex::ECMAScript);
   } catch (const std::regex_error& error) {
-    fail(ErrorKind::usage, "--run '{}' is no regular expression: {}", regex, error.what());
+    fail(ErrorKind::usage, "--run '{}' is not a valid regular expression: {}", regex, error.what());
   }
   std::vector<BenchCase> selected;
   for (const BenchCase& c : cases)

@@ -120,7 +120,7 @@ BenchScene trained_scene(Device& device, const std::string& scene, const Trained
 SceneSize garden_size(const std::filesystem::path& folder) {
   const float width = garden_array(folder, "width", 1)[0], height = garden_array(folder, "height", 1)[0];
   if (!(width >= 1 && height >= 1 && width <= 16384 && height <= 16384))
-    fail(ErrorKind::data, "{}: images of {} x {} pixels", folder.string(), width, height);
+    fail(ErrorKind::data, "{}: the image size {} x {} is not supported", folder.string(), width, height);
   return {garden_array(folder, "means3d", 3).size() / 3, static_cast<int>(width), static_cast<int>(height)};
 }
 
@@ -132,7 +132,7 @@ BenchScene garden_scene(const std::filesystem::path& folder, int dim, const Mode
                            intrinsics = garden_array(folder, "Ks", 9);
   const std::size_t points = size.splats, cameras = views.size() / 16;
   if (colours.size() != means.size() || intrinsics.size() != 9 * cameras)
-    fail(ErrorKind::data, "{}: arrays of sizes that do not belong together", folder.string());
+    fail(ErrorKind::data, "{}: the sizes of the arrays do not match", folder.string());
   std::vector<std::array<float, 3>> positions(points);
   std::vector<std::array<std::uint8_t, 3>> rgb(points);
   for (std::size_t i = 0; i < 3 * points; ++i) {

@@ -146,7 +146,7 @@ Repeated StepBench::repeated(const std::string& stage) {
             },
             {}};
   if (const Operation* last = stages_.last(stage)) return {[&stages, last] { stages.run(*last); }, {}};
-  fail(ErrorKind::internal, "there is no stage '{}'", stage);
+  fail(ErrorKind::internal, "unknown stage '{}'", stage);
 }
 
 std::vector<std::vector<float>> StepBench::outputs() const {

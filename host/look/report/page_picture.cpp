@@ -32,7 +32,7 @@ cv::Mat bgr_of(const Image8& image) {
 std::vector<std::uint8_t> encode(const cv::Mat& bgr, const char* extension, const std::vector<int>& options) {
   std::vector<std::uint8_t> bytes;
   if (!opencv().imencode(extension, bgr, bytes, options))
-    fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded as {}", bgr.cols, bgr.rows,
+    fail(ErrorKind::internal, "an image of {} x {} pixels cannot be encoded as {}", bgr.cols, bgr.rows,
          extension);
   return bytes;
 }
@@ -52,7 +52,8 @@ std::uint8_t byte_of(double unit) {
 
 void check_same_size(const Image8& a, const Image8& b) {
   if (a.width != b.width || a.height != b.height)
-    fail(ErrorKind::internal, "images of {} x {} and {} x {} pixels", a.width, a.height, b.width, b.height);
+    fail(ErrorKind::internal, "images of {} x {} and {} x {} pixels cannot be compared", a.width, a.height,
+         b.width, b.height);
 }
 
 constexpr int kErrorMap = cv::COLORMAP_INFERNO, kDepthMap = cv::COLORMAP_VIRIDIS;

@@ -17,7 +17,8 @@ namespace ubs {
 namespace {
 
 constexpr int kLongestSide = 1000, kLongestPart = 640, kLongestTime = 320;
-// Error that gets the brightest colour; an error of 1 is black instead of white.
+// Errors of this size or above get the brightest colour. Otherwise, an error of 1 would be white, and most
+// errors would look black.
 constexpr double kErrorTop = 0.25;
 constexpr std::size_t kBins = 48;
 // Share of the values that may be beyond each end of a histogram's axis.
@@ -222,7 +223,7 @@ std::string document(const Json& record, const Json& pictures, const ReportViewe
 }  // namespace
 
 ReportPage make_report(const ReportRuns& runs, const std::string& made_by, const ReportViewer& viewer) {
-  if (runs.empty()) fail(ErrorKind::internal, "a report of no run");
+  if (runs.empty()) fail(ErrorKind::internal, "a report needs at least one run");
   PictureList pictures;
   std::string title;
   Json list = Json::array();

@@ -54,7 +54,7 @@ class ModelPainter {
       const std::vector<DeviceModel>& whole = model_.groups();
       const auto like = std::find_if(whole.begin(), whole.end(),
                                      [&](const DeviceModel& m) { return m.dim() == group.dim; });
-      if (like == whole.end()) fail(ErrorKind::internal, "the model has no group of N = {}", group.dim);
+      if (like == whole.end()) fail(ErrorKind::internal, "the model has no group with N = {}", group.dim);
       models.emplace_back(device_, group);
       groups.push_back(
           {&model_.stages(static_cast<std::size_t>(like - whole.begin())), models.back().view()});
@@ -165,7 +165,8 @@ std::vector<DrawnView> saved_renders(const fs::path& folder, std::size_t count,
     try {
       const Image8 both = load_image(files[i]);
       if (both.width % 2 != 0)
-        fail(ErrorKind::data, "{}: is not two images of one size side by side", files[i].string());
+        fail(ErrorKind::data, "{}: this image does not consist of two images of the same size, side by side",
+             files[i].string());
       views.push_back({files[i].stem().string(), {}, half(both, true), half(both, false), {}, {}});
     } catch (const Error& error) {
       remarks.push_back(error.what());

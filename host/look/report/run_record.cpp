@@ -94,7 +94,7 @@ void read_settings(RunRecord& run) {
   }
   if (!unknown.empty())
     run.remarks.push_back(
-        fmt::format("settings that this version does not know: {}", fmt::join(unknown, ", ")));
+        fmt::format("settings that are unknown to this version: {}", fmt::join(unknown, ", ")));
 }
 
 void read_metrics(RunRecord& run) {

@@ -47,7 +47,7 @@ std::string Painter::draw(std::span<const RenderGroup> groups, const Camera& cam
   cv::cvtColor(pixels, pixels, cv::COLOR_RGB2BGR);
   std::vector<std::uint8_t> bytes;
   if (!opencv().imencode(".jpg", pixels, bytes, {cv::IMWRITE_JPEG_QUALITY, kQuality}))
-    fail(ErrorKind::internal, "a picture of {} x {} pixels cannot be encoded", image.width, image.height);
+    fail(ErrorKind::internal, "an image of {} x {} pixels cannot be encoded", image.width, image.height);
   return {bytes.begin(), bytes.end()};
 }
 

@@ -55,7 +55,7 @@ PictureRequest read_request(const std::string& body) {
   const Json json = parse_json(body, "request");
   if (!json.is_object()) fail(ErrorKind::data, "request: not a JSON object");
   const auto camera = json.find("camera");
-  if (camera == json.end()) fail(ErrorKind::data, "request: no camera");
+  if (camera == json.end()) fail(ErrorKind::data, "request: the camera is missing");
   PictureRequest request{.camera = camera_of(*camera)};
   check_camera(request.camera, "request");
   const std::int64_t width = request.camera.width, height = request.camera.height;

@@ -214,7 +214,7 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
     for (std::size_t g = 0; g < model.groups.size(); ++g)
       steps.push_back(group_steps(model.groups[g], h.squares[g], share));
     const double got = compare_models(session, model, round(steps), views).mean;
-    note(fmt::format("steps for {:.2f} dB give {:.2f} dB", wanted, got));
+    note(fmt::format("quantisation steps estimated for {:.2f} dB give {:.2f} dB", wanted, got));
     if (got >= psnr) best = steps;
     if (got >= psnr && got <= psnr + kNear) break;
     wanted += psnr + kNear / 2 - got;

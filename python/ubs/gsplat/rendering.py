@@ -42,21 +42,21 @@ def _refuse(**given: Any) -> None:
     for name, value in given.items():
         if value is not None and value is not False and value is not RollingShutterType.GLOBAL:
             shown = "" if isinstance(value, Tensor) else f"={value}"
-            raise UsageError(f"{name}{shown} is not supported by ubs.gsplat: leave it out, or draw with gsplat on CUDA")
+            raise UsageError(f"{name}{shown} is not supported by ubs.gsplat: remove it, or render with gsplat on CUDA")
 
 
 def _check(name: str, tensor: Any, *shapes: tuple[int, ...], like: Tensor | None = None) -> Tensor:
     if not isinstance(tensor, Tensor):
         raise UsageError(f"{name} must be a torch.Tensor, not {type(tensor).__name__}")
     if tensor.dtype != torch.float32:
-        raise UsageError(f"{name} is of {tensor.dtype}: ubs.gsplat takes torch.float32")
+        raise UsageError(f"{name} has the type {tensor.dtype}, but must be torch.float32")
     if tuple(tensor.shape) not in shapes:
         wanted = " or ".join(str(shape) for shape in shapes)
         raise UsageError(f"{name} has the shape {tuple(tensor.shape)}, not {wanted}")
     if like is not None and tensor.device != like.device:
-        raise UsageError(f"{name} is on {tensor.device}, means are on {like.device}: move it there")
+        raise UsageError(f"{name} is on {tensor.device}, but means is on {like.device}: move it there")
     if not is_finite(tensor):
-        raise NumericalError(f"{name} has values that are not finite")
+        raise NumericalError(f"{name} contains values that are not finite")
     return tensor
 
 
@@ -137,7 +137,7 @@ def spherical_harmonics(
     count = (int(degrees_to_use) + 1) ** 2
     shape = _shape(dirs, "dirs", 1)
     if _shape(coeffs, "coeffs", 2)[-2] < count:
-        raise UsageError(f"coeffs have {coeffs.shape[-2]} bases, degree {degrees_to_use} needs {count}")
+        raise UsageError(f"coeffs has {coeffs.shape[-2]} bases, but degree {degrees_to_use} needs {count}")
     _check("dirs", dirs, (*shape[:-1], 3))
     _check("coeffs", coeffs, (*shape[:-1], *coeffs.shape[-2:]), like=dirs)
     if masks is not None and tuple(masks.shape) != shape[:-1]:
@@ -292,7 +292,7 @@ def _projected(
     axes = None
     if covars is None:
         if quats is None or scales is None:
-            raise UsageError("neither covars nor both of quats and scales are given: pass one of the two")
+            raise UsageError("pass either covars, or both quats and scales")
         _check("quats", quats, (*batch, n, 4), like=means)
         _check("scales", scales, (*batch, n, 3), like=means)
         axes = _axes(quats.reshape(flat, n, 4), scales.reshape(flat, n, 3))

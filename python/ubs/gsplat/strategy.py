@@ -2,9 +2,9 @@
 """Strategies decide during training where Gaussians are added and removed. The names are those of gsplat 1.5.
 
 The parameters are a dictionary of torch.nn.Parameter: "means" (N, 3), "scales" (N, 3) as logarithms, "quats" (N, 4),
-"opacities" (N,) before the sigmoid, and others (N, ...) of any name. Each trained parameter has an optimiser of its
-own. A strategy replaces the parameters in these dictionaries, and keeps the optimiser states of the Gaussians that
-remain."""
+"opacities" (N,) before the sigmoid, and others (N, ...) of any name. Each trained parameter needs its own
+optimiser. A strategy replaces the parameters in these dictionaries, and keeps the optimiser states of the Gaussians
+that remain."""
 
 from __future__ import annotations
 
@@ -31,11 +31,13 @@ class Strategy:
         """Raises UsageError if parameters are missing, or if the optimiser of a parameter is missing."""
         missing = [name for name in NEEDED if name not in params]
         if missing:
-            raise UsageError(f"params have no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
+            raise UsageError(f"params has no {', '.join(missing)}: a strategy needs {', '.join(NEEDED)}")
         learnt = {name for name, value in params.items() if value.requires_grad}
         if learnt != set(optimizers):
             different = ", ".join(sorted(learnt ^ set(optimizers)))
-            raise UsageError(f"every parameter with requires_grad needs an optimiser of its name, check {different}")
+            raise UsageError(
+                f"parameters with requires_grad and optimisers must have the same names: check {different}"
+            )
         for name, optimizer in optimizers.items():
             groups = optimizer.param_groups
             if len(groups) != 1 or len(groups[0]["params"]) != 1 or groups[0]["params"][0] is not params[name]:
@@ -128,7 +130,9 @@ class DefaultStrategy(Strategy):
     """Use the sums of absolute gradients, which are larger, so grow_grad2d should be higher, such as 0.0008. Requires
     rasterization(..., absgrad=True)."""
     revised_opacity: bool = False
-    """Splitting keeps the opacity that the two parts have together (Rota Bulo et al. 2024)."""
+    """Choose the opacities of the two parts of a split Gaussian so that together they are as opaque as before (Rota
+    Bulo
+    et al. 2024)."""
     verbose: bool = False
     key_for_gradient: str = "means2d"
 
@@ -178,7 +182,9 @@ class DefaultStrategy(Strategy):
     def _gather(self, params: Parameters, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
         """Accumulates gradients, counts and maximum radii of visible Gaussians."""
         if packed != (info["gaussian_ids"] is not None):
-            raise UsageError(f"packed={packed}, but rasterization() was called with packed={not packed}: pass the same")
+            raise UsageError(
+                f"packed={packed}, but rasterization() was called with packed={not packed}: pass the same value"
+            )
         centre = info[self.key_for_gradient]
         gradient = getattr(centre, "absgrad", None) if self.absgrad else centre.grad
         if gradient is None:
@@ -258,7 +264,7 @@ class MCMCStrategy(Strategy):
     refine_start_iter: int = 500
     refine_stop_iter: int = 25_000
     noise_injection_stop_iter: int = -1
-    """Step from which there is no noise; -1: never."""
+    """First step without noise; -1: noise is added in all steps."""
     refine_every: int = 100
     min_opacity: float = 0.005
     """Gaussians with at most this opacity move to others."""

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// CUDA on the host: as much of the CUDA language and runtime as cuda_backend/ uses, so that its .cu and .cpp
-// files compile unchanged with a C++ compiler and run where no GPU is. Every thread of a block is a fibre;
-// barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as NaN bytes
-// and is fenced; a write beyond it, or a barrier that not all threads reach, ends the program with a message.
-// For tests only.
+// CUDA on the host: the part of the CUDA language and runtime that cuda_backend/ uses, so that its .cu and
+// .cpp files can be compiled unchanged with a C++ compiler and run without a GPU. Every thread of a block is
+// a fibre; barriers and warp operations switch between them (tests/cuda/fibres.cpp). Device memory starts as
+// NaN bytes and is fenced; a write beyond it, or a barrier that not all threads reach, ends the program with
+// a message. For tests only.
 #pragma once
 
 #include <math.h>
@@ -59,13 +59,14 @@ extern uint3 block_position;
 const uint3& thread_position();
 
 void barrier();
-// Hands `value` to the warp and returns what lane `source` handed in; all 32 lanes must take part.
+// Passes `value` to the warp and returns the value that lane `source` passed. All 32 lanes must take part.
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source);
 unsigned lane();
 unsigned ballot(unsigned mask, bool value);
 
-// The approximate instructions, with the largest errors that PTX allows them: 2^-22 relative, of log2 between
-// 1/2 and 2 absolute; of the reciprocal 2^-23. Denormal results are 0.
+// The approximate instructions, with the largest errors that PTX allows: a relative error of 2^-22, an
+// absolute error of 2^-22 for log2 between 1/2 and 2, and a relative error of 2^-23 for the reciprocal.
+// Denormal results are 0.
 float exp2_approx(float y);
 float log2_approx(float x);
 float recip_approx(float x);
@@ -176,16 +177,18 @@ struct cudaDeviceProp {
 
 namespace cuda_on_host {
 
-// Which streams run what they are given as late as CUDA allows: when the host or a stream that runs waits for it. The others run it at once. By default all or none of them: UBS_CUDA_ON_HOST_STREAMS=late.
+// Selects the streams that run their work as late as CUDA allows, which is when the host or a running stream
+// waits for it. Other streams run their work immediately. By default no stream is late; with
+// UBS_CUDA_ON_HOST_STREAMS=late all are.
 extern std::function<bool(cudaStream_t)> is_late;
 void run_until(cudaStream_t stream, std::size_t calls);
-// Runs the call, or keeps it for later.
+// Runs the call, or stores it for later.
 cudaError_t enqueue(cudaStream_t stream, std::function<void()> run);
-// For tests: what the runtime says of the driver and of its one card.
+// For tests: the properties that the runtime reports for the driver and its only card.
 struct Card {
   int driver = 0, runtime = 0, capability = 90;
   cudaError_t count = cudaSuccess, properties = cudaSuccess,
-              code = cudaSuccess;  // what asking for them returns
+              code = cudaSuccess;  // the result of querying them
   std::size_t used = 0;            // memory that other programs use
 };
 extern Card card;
@@ -239,7 +242,7 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
                             cudaStream_t stream);
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t stream);
 
-// The arguments of a launch are those at the time of the call.
+// A launch uses the values that the arguments have at the time of the call.
 template <typename... Parameters>
 std::function<void()> ubs_bind(void (*kernel)(Parameters...), void** arguments) {
   return [&]<std::size_t... i>(std::index_sequence<i...>) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws a model of one splat.
+// Renders a model with one splat.
 #include <cstdio>
 #include <ubs/ubs.hpp>
 
@@ -14,7 +14,8 @@ int main() try {
   camera.width = camera.height = 32;
   const ubs::Picture picture = ubs::Renderer(ubs::Device(), model).draw(camera);
   const float alpha = picture.alpha[16 * 32 + 16];
-  std::printf("ubs %s: alpha %.3f in the middle, %.3f at the corner\n", ubs_version(), alpha, picture.alpha[0]);
+  std::printf("ubs %s: alpha %.3f in the middle, %.3f at the corner\n", ubs_version(), alpha,
+              picture.alpha[0]);
   return alpha > 0.5f && picture.alpha[0] < 0.5f ? 0 : 1;
 } catch (const ubs::Exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
