@@ -8,13 +8,13 @@
 #include <set>
 #include <span>
 
-#include "host/api/lens_image.hpp"
 #include "host/api/open_data.hpp"
 #include "host/api/picture.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/grey_png.hpp"
 #include "host/data/image.hpp"
+#include "host/data/lens_image.hpp"
 #include "host/data/npy.hpp"
 #include "host/data/video_writer.hpp"
 #include "tools/commands.hpp"
@@ -128,24 +128,26 @@ Split wanted_views(const RenderOptions& options, const LoadedModel& model, const
   return wanted;
 }
 
-// WideImage is the lens that the user chose with --lens, and the size of its images.
-struct WideImage {
+// ChosenLens is the lens that the user chose with --lens, and the size of its images.
+struct ChosenLens {
   ImageSize size;
   LensImage image;
 };
-std::optional<WideImage> lens_of(const RenderOptions& options) {
+std::optional<ChosenLens> lens_of(const RenderOptions& options) {
   if (options.lens.empty()) return std::nullopt;
   const bool panorama = options.lens == "equirectangular";
   const ImageSize size =
       options.path.size().value_or(panorama ? ImageSize{2048, 1024} : ImageSize{1024, 1024});
-  return WideImage{size, LensImage(wide_lens(options.lens, size.width, size.height))};
+  LensImage image(wide_lens(options.lens, size.width, size.height), "--lens");
+  image.check_complete();
+  return ChosenLens{size, std::move(image)};
 }
 
 // Drawing renders the views of a split. A view with --lens is composed of the images of several cameras.
 class Drawing {
  public:
   // With a lens, the sizes of the cameras of `split` become those of the images.
-  Drawing(std::optional<WideImage> lens, const RenderOptions& options, const LoadedModel& model,
+  Drawing(std::optional<ChosenLens> lens, const RenderOptions& options, const LoadedModel& model,
           const TrainSettings& settings, Split& split, bool depth)
       : lens_(std::move(lens)),
         session_(device_of_rank(options.device), model.model, cameras_behind(split), settings, depth) {}
@@ -174,7 +176,7 @@ class Drawing {
     return session_.renderer().download();
   }
 
-  std::optional<WideImage> lens_;
+  std::optional<ChosenLens> lens_;
   ModelSession session_;
 };
 

@@ -92,7 +92,7 @@ std::array<double, 3> choose_offset(const Split& split, bool one_place) {
   double steps = 1;  // per unit; a whole number, so that the quotient below has few decimal places
   if (!one_place && std::sqrt(3) / 2 > kFarFromOrigin * extent)
     steps = std::pow(10, std::ceil(-std::log10(extent)));
-  for (double& m : mean) m = std::round(m * steps) / steps;
+  for (double& m : mean) m = std::round(m * steps) / steps + 0.0;  // turns -0 into 0
   return mean;
 }
 
@@ -225,7 +225,9 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
   for (const auto& [option, given] :
        {std::pair{"--images", options.read.images != usual.read.images},
         std::pair{"--colmap-model", options.read.colmap_model != usual.read.colmap_model},
-        std::pair{"--test-every", options.read.test_every != usual.read.test_every},
+        // 0 means that no training views are held out, which is also true if the data have test views.
+        std::pair{"--test-every",
+                  options.read.test_every != usual.read.test_every && options.read.test_every != 0},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
     if (given && used.find(option) == std::string_view::npos)
       fail(ErrorKind::usage, "the layout {} does not use {}: remove it", layout, option);
@@ -281,7 +283,7 @@ void name_transforms_files(const fs::path& folder) {
         read_text_file(file).find("\"frames\"") != std::string::npos)
       names.push_back(file.filename().string());
   if (names.empty()) return;
-  fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames with cameras: pass the file itself: {}",
+  fail(ErrorKind::data, "{}: no transforms.json, but {} {} frames with cameras: give the file itself: {}",
        folder.string(), fmt::join(names, ", "), names.size() == 1 ? "has" : "have",
        shell_word((folder / names.front()).string()));
 }
@@ -347,6 +349,8 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
+  if (options.read.test_every == 0 && std::ranges::find(data.splits, "test", &Split::name) != data.splits.end())
+    data.report.note(fmt::format("--test-every 0 has no effect: the layout {} states its test views", layout.name));
   if (options.read.layout == "auto") note_other_layouts(path, layout, data.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)

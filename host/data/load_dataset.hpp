@@ -82,7 +82,7 @@ LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions&
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
 // Throws Error(usage) if one of --images, --test-every and --frames is not listed in `used` and is set to
-// another value than its default, because it would be ignored. Not called for packed files, because the
+// another value than its default, because it would be ignored. --test-every 0 is accepted. Not called for packed files, because the
 // settings of a run are also used with a packed copy of its data.
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);
 

@@ -207,7 +207,7 @@ constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return has_property(s, " f_anchor_feat_0"); },
      [](const FileStart& s) {
        return fmt::format(
-           "{} anchors of Scaffold-GS and no splats: its networks generate the splats for each view",
+           "{} anchors of Scaffold-GS, no splats: its networks generate the splats for each view",
            rows_of(s, "vertex"));
      }},
     {[](const FileStart& s) {
@@ -220,7 +220,7 @@ constexpr OtherFile kOthers[] = {
     {[](const FileStart& s) { return is_ply(s) && !has_property(s, " scale_0") && has_property(s, " x"); },
      [](const FileStart& s) {
        return fmt::format(
-           "a point cloud with {} points, but no splats: in a data folder, points are the initial splats of "
+           "a point cloud of {} points, no splats: in a data folder, points are the initial splats of "
            "a training",
            rows_of(s, "vertex"));
      }},

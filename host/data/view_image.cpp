@@ -14,6 +14,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/image_source.hpp"
+#include "host/data/wide_image.hpp"
 
 namespace ubs {
 namespace {
@@ -156,12 +157,19 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
   std::optional<Image8> mask_pixels;
   if (!mask.empty() && !base.file.empty() && options.load_images)
     mask_pixels = load_mask_image(mask, {actual.width, actual.height, {}});
+  if (!base.file.empty() && options.load_images) {
+    const int width = reduced(actual.width, lens.width, options.read.downscale);
+    const int height = reduced(actual.height, lens.height, options.read.downscale);
+    base.wide = wide_image({actual.scaled_to(width, height), first.max_angle},
+                           {file, mask, options.background, std::nullopt, width, height});
+  }
   std::size_t count = 0;
   for (const Undistortion& plan : plans) {
     if (mask_pixels && !counts_any(*mask_pixels, plan)) continue;
     View face = base;
     face.part_of = base.name;
     face.name = base.name + "_" + plan.face;
+    face.turn_in_wide = plan.rotation;
     set_view(face, lens, plan, file, mask, options);
     views.push_back(std::move(face));
     ++count;

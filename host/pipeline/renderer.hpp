@@ -15,6 +15,7 @@
 #include "host/pipeline/camera_gradient.hpp"
 #include "host/pipeline/slot_store.hpp"
 #include "host/scene/camera.hpp"
+#include "host/scene/rendered_view.hpp"
 #include "kernels/layout.h"
 
 namespace ubs {
@@ -31,14 +32,6 @@ struct RenderSettings {
 struct RenderGroup {
   Stages* stages = nullptr;
   SplatView splats;
-};
-
-// Host copy of a rendered view, unpadded and interleaved.
-struct RenderedView {
-  int width = 0, height = 0;
-  std::vector<float> rgb;    // (height, width, 3), not clamped
-  std::vector<float> alpha;  // (height, width)
-  std::vector<float> depth;  // (height, width), empty unless KernelConfig::depth
 };
 
 // These functions convert planes (3, height, width) into the layout of the buffers, (3, rows, pitch) with

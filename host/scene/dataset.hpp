@@ -4,8 +4,10 @@
 // there.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -40,6 +42,8 @@ class ImageSource {
   virtual const Image8* held() const { return nullptr; }
 };
 
+class WideImage;  // host/scene/wide_image.hpp
+
 struct View {
   std::string name;  // name of the frame, without folder and extension; a safe file name, unique in its split
   Camera camera;
@@ -48,6 +52,8 @@ struct View {
   bool masked = false;    // the image comes with a mask
   bool opaque = false;    // the file is known to have no alpha, so the image contains no background
   std::string part_of{};  // name of the wide image, if the view shows a part of one
+  std::shared_ptr<const WideImage> wide{};  // that image, if it is a file and images are loaded
+  std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // camera of that image -> `camera`
   // Image file; empty if there is no image, or if it is in a video or packed file.
   std::filesystem::path file{};
 
@@ -59,6 +65,20 @@ struct Split {
   std::string name;  // train, val, test
   std::vector<View> views;
 };
+
+// Returns the indices of the views of each image, in the order of the views. An image has several views if
+// they show parts of the same wide image.
+inline std::vector<std::vector<std::uint32_t>> views_by_image(const std::vector<View>& views) {
+  std::vector<std::vector<std::uint32_t>> images;
+  std::map<std::string, std::size_t> wide;
+  for (std::uint32_t i = 0; i < views.size(); ++i) {
+    const std::string& image = views[i].part_of;
+    const auto [at, added] = image.empty() ? std::pair(wide.end(), true) : wide.try_emplace(image, images.size());
+    if (added) images.emplace_back();
+    (added ? images.back() : images[at->second]).push_back(i);
+  }
+  return images;
+}
 
 inline std::vector<Camera> cameras_of(const Split& split) {
   std::vector<Camera> cameras;

@@ -49,19 +49,27 @@ double pivot_depth(const Camera& camera, const SplatModel& model) {
 }
 
 CameraRefiner::CameraRefiner(const Split& train, const SplatModel& initial, RefineCameras what)
-    : train_(train), what_(what), given_(cameras_of(train)), cameras_(given_) {
-  for (const Camera& camera : given_) {
-    depth_.push_back(pivot_depth(camera, initial));
-    std::size_t first = 0;
-    while (!same_lens(given_[first], camera)) ++first;
+    : train_(train),
+      what_(what),
+      given_(cameras_of(train)),
+      cameras_(given_),
+      images_(views_by_image(train.views)) {
+  for (std::size_t i = 0; i < given_.size(); ++i) {
+    depth_.push_back(pivot_depth(given_[i], initial));
+    std::size_t first = i;
+    if (has_own_lens(i))
+      for (first = 0; !has_own_lens(first) || !same_lens(given_[first], given_[i]);) ++first;
     lens_.push_back(first);
   }
 }
 
 Camera CameraRefiner::with_lens(const Camera& camera) const {
   Camera out = camera;
-  const auto found = std::ranges::find_if(given_, [&](const Camera& c) { return same_lens(c, camera); });
-  if (found != given_.end()) take_lens(out, cameras_[static_cast<std::size_t>(found - given_.begin())]);
+  for (std::size_t i = 0; i < given_.size(); ++i)
+    if (has_own_lens(i) && same_lens(given_[i], camera)) {
+      take_lens(out, cameras_[i]);
+      break;
+    }
   return out;
 }
 
@@ -78,7 +86,8 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
   NormalEquations sum;
   for (std::size_t i = 0; i < cameras_.size(); ++i) {
     if (lens_[i] != lens) continue;
-    PoseFit fit(drawing, train_.views[i].load_image(), factor_for(i, factor), depth_[i]);
+    const auto view = static_cast<std::uint32_t>(i);
+    PoseFit fit(drawing, parts_of(train_, {&view, 1}, cameras_), factor_for(i, factor), depth_[i]);
     const NormalEquations own = fit.linearise(cameras_[i], kCameraMoves);
     NormalEquations column = own;
     const CameraMove pose = solve_normal(column, kPoseMoves);
@@ -111,25 +120,32 @@ void CameraRefiner::refine_lens(const Drawing& drawing, int factor, std::size_t 
 void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
   if (what_ == RefineCameras::pose_and_intrinsics)
     for (std::size_t i = 0; i < cameras_.size(); ++i)
-      if (lens_[i] == i) refine_lens(drawing, factor, i);
-  for (std::size_t i = 0; i < cameras_.size(); ++i)
-    cameras_[i] = refined(drawing, factor, i, kFirstRidge * (1 - done) * (1 - done));
+      if (lens_[i] == i && has_own_lens(i)) refine_lens(drawing, factor, i);
+  for (const auto& views : images_) {
+    const std::vector<Camera> cameras = refined(drawing, factor, views, kFirstRidge * (1 - done) * (1 - done));
+    for (std::size_t k = 0; k < views.size(); ++k) cameras_[views[k]] = cameras[k];
+  }
   hold_gauge(cameras_, given_);
 }
 
-Camera CameraRefiner::refined(const Drawing& drawing, int factor, std::size_t view, double ridge) const {
-  PoseFit fit(drawing, train_.views[view].load_image(), factor_for(view, factor), depth_[view]);
-  return fit.descend(cameras_[view], 1, {ridge, kStretch, &given_[view], kPrior});
+std::vector<Camera> CameraRefiner::refined(const Drawing& drawing, int factor,
+                                           std::span<const std::uint32_t> views, double ridge) const {
+  const std::uint32_t first = views[0];
+  for (const std::uint32_t view : views) factor = std::max(factor, factor_for(view, factor));
+  const std::vector<Part> parts = parts_of(train_, views, cameras_);
+  PoseFit fit(drawing, parts, factor, depth_[first]);
+  return cameras_of_parts(fit.descend(cameras_[first], 1, {ridge, kStretch, &given_[first], kPrior}), parts);
 }
 
 double CameraRefiner::sweep_seconds(const Drawing& drawing, int factor) const {
-  refined(drawing, factor, 0, 0);  // warm-up: compiles the kernels and allocates the lists
+  refined(drawing, factor, images_[0], 0);  // warm-up: compiles the kernels and allocates the lists
   const Stopwatch watch;
-  refined(drawing, factor, 0, 0);
+  refined(drawing, factor, images_[0], 0);
+  const double seconds_per_view = watch.seconds() / static_cast<double>(images_[0].size());
   // refined() renders a camera kPoseMoves + 2 times. refine_lens() renders it another kCameraMoves + 1 times.
   const double drawings = kPoseMoves + 2;
   const double more = what_ == RefineCameras::pose_and_intrinsics ? (kCameraMoves + 1) / drawings : 0;
-  return (1 + more) * watch.seconds() * static_cast<double>(cameras_.size());
+  return (1 + more) * seconds_per_view * static_cast<double>(cameras_.size());
 }
 
 std::vector<double> CameraRefiner::state() const {

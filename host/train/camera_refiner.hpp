@@ -26,7 +26,9 @@ class CameraRefiner {
   Camera with_lens(const Camera& camera) const;
 
   // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
-  // hold_gauge(). `done` is the share of all sweeps that have already taken place.
+  // hold_gauge(). The views of a wide image keep one position and the given angles between them, and their
+  // lens is not refined, because it is none of the photograph. `done` is the share of all sweeps that have
+  // already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
   // Returns the estimated time of a sweep in seconds. The function measures the step of one camera, without
   // changing this camera, and derives the time of all cameras from it.
@@ -37,13 +39,17 @@ class CameraRefiner {
   void set_state(std::span<const double> state);
 
  private:
-  Camera refined(const Drawing& drawing, int factor, std::size_t view, double ridge) const;
+  // Returns the refined cameras of the views of an image.
+  std::vector<Camera> refined(const Drawing& drawing, int factor, std::span<const std::uint32_t> views,
+                              double ridge) const;
   void refine_lens(const Drawing& drawing, int factor, std::size_t lens);
   int factor_for(std::size_t view, int factor) const;
+  bool has_own_lens(std::size_t view) const { return train_.views[view].part_of.empty(); }
 
   const Split& train_;
   RefineCameras what_;
   std::vector<Camera> given_, cameras_;
+  std::vector<std::vector<std::uint32_t>> images_;  // the views of each image
   std::vector<double> depth_;
   std::vector<std::size_t> lens_;  // for each view, the first view that was given the same lens
 };

@@ -6,7 +6,9 @@
 
 #include "host/base/error.hpp"
 #include "host/base/json.hpp"
+#include "host/base/warning.hpp"
 #include "host/pipeline/masked_metrics.hpp"
+#include "host/scene/wide_image.hpp"
 #include "host/train/fit_appearance.hpp"
 #include "host/train/target_loss.hpp"
 
@@ -15,16 +17,12 @@ namespace {
 
 double psnr_of(double mse) { return -10.0 * std::log10(mse); }
 
-// Pads planes from (3, height, width) to (3, rows, pitch).
-std::vector<float> padded(const std::vector<float>& planes, const ImageShape& shape) {
-  std::vector<float> out(3 * shape.plane());
-  const auto width = static_cast<std::size_t>(shape.width), height = static_cast<std::size_t>(shape.height);
-  for (std::size_t c = 0; c < 3; ++c)
-    for (std::size_t y = 0; y < height; ++y)
-      std::copy_n(planes.data() + (c * height + y) * width, width,
-                  out.data() + c * shape.plane() + y * static_cast<std::size_t>(shape.pitch()));
-  return out;
-}
+// An image on the device that is compared with a photograph.
+struct Compared {
+  ImageShape shape;
+  BufferView<float> values;  // (3, rows, pitch)
+  Target target;
+};
 
 PhotographPixels images_of(Device& device, const Target& target, const ImageShape& shape) {
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
@@ -36,38 +34,85 @@ PhotographPixels images_of(Device& device, const Target& target, const ImageShap
 // Measures `more` on a view with a mask. SSIM is computed on the host, where windows with pixels that do not
 // count can be skipped. LPIPS is computed on an image in which these pixels have the values of the
 // photograph.
-void measure_masked(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
-                    ViewMetrics& view) {
-  const ImageShape shape = renderer.shape();
+void measure_masked(Device& device, ImageMetrics& more, const Compared& compared, ViewMetrics& view) {
+  const auto& [shape, values, target] = compared;
   const PlanarSize size{shape.width, shape.height};
   const std::size_t pixels = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
   const std::vector<std::uint8_t> mask = read_values(device, target.mask, pixels),
                                   bytes = read_values(device, target.image, 3 * pixels);
-  const RenderedView drawn = renderer.download();
-  std::vector<float> image(3 * pixels), truth(3 * pixels);
+  std::vector<float> image = cropped_planes(read_values(device, values, values.size), shape);
+  std::vector<float> truth(3 * pixels);
   for (std::size_t i = 0; i < 3 * pixels; ++i) {
-    image[i] = std::clamp(drawn.rgb[3 * (i % pixels) + i / pixels], 0.0f, 1.0f);
+    image[i] = std::clamp(image[i], 0.0f, 1.0f);
     truth[i] = static_cast<float>(bytes[i]) / 255.0f;
   }
   view.ssim_valid = masked_valid_ssim(image, truth, mask, size);
   Buffer<float> filled(device, "image with a mask that covers all pixels", 3 * shape.plane());
-  filled.upload(padded(fill_masked(image, truth, mask), shape));
+  filled.upload(padded_planes(fill_masked(image, truth, mask), shape));
   view.lpips =
       more.lpips({.size = size, .values = filled.view(), .pitch = shape.pitch(), .rows = shape.rows()},
                  {.size = size, .bytes = target.image});
 }
 
-// Measures `more` on the view that was rendered last.
-void measure_more(Device& device, ImageMetrics& more, const Renderer& renderer, const Target& target,
-                  ViewMetrics& view) {
-  if (target.mask.size > 0) return measure_masked(device, more, renderer, target, view);
-  const ImageShape shape = renderer.shape();
+void measure_more(Device& device, ImageMetrics& more, const Compared& compared, ViewMetrics& view) {
+  const auto& [shape, values, target] = compared;
+  if (target.mask.size > 0) return measure_masked(device, more, compared, view);
   const PlanarSize size{shape.width, shape.height};
-  const DeviceImage drawn{
-      .size = size, .values = renderer.image(), .pitch = shape.pitch(), .rows = shape.rows()};
+  const DeviceImage drawn{.size = size, .values = values, .pitch = shape.pitch(), .rows = shape.rows()};
   const DeviceImage truth{.size = size, .bytes = target.image};
   view.ssim_valid = more.valid_ssim(drawn, truth);
   view.lpips = more.lpips(drawn, truth);
+}
+
+// Throws an error if a sum of Stages::image_loss is not finite.
+void check_finite(std::span<const float, 8> sums, const std::string& view) {
+  for (const float value : sums.first<5>())
+    if (!std::isfinite(value))
+      fail(ErrorKind::numerical,
+           "the render of view '{}' contains values that are not finite: check the model with 'ubs info'", view);
+}
+
+FittedMetrics fitted_metrics(std::span<const float, 8> sums) {
+  const ViewMetrics m = view_metrics({}, sums);
+  return {m.psnr_channel_mean, m.psnr, m.ssim};
+}
+
+// Compares a composed image, which is in host memory, with its file, which has a mask.
+ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name, const RenderedView& composed,
+                         const Image8& file, ImageMetrics* more, Appearance fit) {
+  const ImageShape shape{composed.width, composed.height};
+  Buffer<float> values(device, "composed image", 3 * shape.plane()), sums(device, "metric sums", 8);
+  values.upload(padded_planes(planar(composed.rgb), shape));
+  Buffer<std::uint8_t> image(device, "wide image", file.rgb.size()), mask(device, "mask", file.mask.size());
+  image.upload(planar(file.rgb));
+  mask.upload(file.mask);
+  const Compared compared{shape,
+                          values.view(),
+                          {image.view(), mask.view(),
+                           static_cast<std::uint32_t>(file.mask.size() - static_cast<std::size_t>(
+                                                                             std::ranges::count(file.mask, 0)))}};
+  ImageLoss loss{.shape = shape,
+                 .image = values.view(),
+                 .target = image.view(),
+                 .target_float = {},
+                 .mask = mask.view(),
+                 .counted = compared.target.counted,
+                 .clamp = true,
+                 .v_image = {},
+                 .sums = sums.view()};
+  stages.image_loss(loss);
+  const std::vector<float> row = sums.download();
+  check_finite(std::span<const float, 8>(row), name);
+  ViewMetrics metrics = view_metrics(name, std::span<const float, 8>(row));
+  if (more) measure_more(device, *more, compared, metrics);
+  if (fit != Appearance::none) {
+    Buffer<float> appearance(device, "fitted appearance", kAppearanceNumbers);
+    appearance.upload(fit_appearance(composed, images_of(device, compared.target, shape), fit));
+    loss.appearance = appearance.view();
+    stages.image_loss(loss);
+    metrics.fitted = fitted_metrics(std::span<const float, 8>(sums.download()));
+  }
+  return metrics;
 }
 
 // Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. JSON
@@ -110,10 +155,36 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
   }
   const std::vector<float> values = sums.download();
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const ViewMetrics m = view_metrics({}, std::span<const float, 8>(values.data() + 8 * i, 8));
-    metrics.views[i].posed = {m.psnr_channel_mean, m.psnr, m.ssim};
+    metrics.views[i].posed = fitted_metrics(std::span<const float, 8>(values.data() + 8 * i, 8));
   }
   add_mean(metrics);
+}
+
+std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
+                                             std::span<const RenderGroup> groups,
+                                             const RenderSettings& settings, const std::vector<View>& views,
+                                             const std::vector<Camera>& cameras, ImageMetrics* more,
+                                             Appearance fit) {
+  std::vector<ViewMetrics> images;
+  for (const auto& parts : views_by_image(views)) {
+    const View& view = views[parts[0]];
+    if (!view.wide) continue;
+    try {
+      const std::vector<Camera> faces = view.wide->faces(camera_of_wide_image(view, cameras[parts[0]]));
+      renderer.set_cameras(faces);
+      std::vector<RenderedView> renders;
+      for (std::uint32_t i = 0; i < faces.size(); ++i) {
+        renderer.forward(groups, i, settings, false);
+        renders.push_back(renderer.download());
+      }
+      const RenderedView composed = view.wide->compose(renders);
+      images.push_back(compare_wide(device, stages, view.part_of, composed, view.wide->load(), more, fit));
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
+      warn_once(fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
+    }
+  }
+  return images;
 }
 
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums) {
@@ -127,16 +198,21 @@ ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums
 
 void add_mean(Metrics& metrics) {
   metrics.mean = {.name = "mean"};
-  if (metrics.views.empty()) return;
-  const double weight = 1 / static_cast<double>(metrics.views.size());
+  std::vector<ViewMetrics> images = metrics.wide_images;
+  for (const ViewMetrics& view : metrics.views)
+    if (view.part_of.empty() || std::ranges::find(metrics.wide_images, view.part_of, &ViewMetrics::name) ==
+                                    metrics.wide_images.end())
+      images.push_back(view);
+  if (images.empty()) return;
+  const double weight = 1 / static_cast<double>(images.size());
   ViewMetrics& mean = metrics.mean;
   mean.ssim_valid = 0;
-  mean.lpips = metrics.views[0].lpips;
+  mean.lpips = images[0].lpips;
   for (NamedValue& value : mean.lpips) value.value = 0;
-  for (const ViewMetrics& m : metrics.views) {
-    mean.psnr += m.psnr / static_cast<double>(metrics.views.size());
-    mean.psnr_channel_mean += m.psnr_channel_mean / static_cast<double>(metrics.views.size());
-    mean.ssim += m.ssim / static_cast<double>(metrics.views.size());
+  for (const ViewMetrics& m : images) {
+    mean.psnr += m.psnr / static_cast<double>(images.size());
+    mean.psnr_channel_mean += m.psnr_channel_mean / static_cast<double>(images.size());
+    mean.ssim += m.ssim / static_cast<double>(images.size());
     for (const auto which : {&ViewMetrics::fitted, &ViewMetrics::posed}) {
       const std::optional<FittedMetrics>& own = m.*which;
       std::optional<FittedMetrics>& sum = mean.*which;
@@ -200,26 +276,21 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
       loss.sums_offset += static_cast<std::uint32_t>(8 * views.size());
       stages.image_loss(loss);
     }
-    if (more) measure_more(device, *more, renderer, target, metrics.views[i]);
+    if (more)
+      measure_more(device, *more, {renderer.shape(), renderer.image(), target}, metrics.views[i]);
   }
   std::vector<float> values = sums.download();
   ranks.merge(values);
   share_more(ranks, metrics.views);
   for (std::size_t i = 0; i < views.size(); ++i) {
     const std::span<const float, 8> row(values.data() + 8 * i, 8);
-    for (const float value : row.first<5>())
-      if (!std::isfinite(value))
-        fail(ErrorKind::numerical,
-             "the render of view '{}' contains values that are not finite: check the model with 'ubs info'",
-             views[i].name);
+    check_finite(row, views[i].name);
     ViewMetrics view = view_metrics(views[i].name, row);
+    view.part_of = views[i].part_of;
     view.ssim_valid = metrics.views[i].ssim_valid;
     view.lpips = std::move(metrics.views[i].lpips);
-    if (fit != Appearance::none) {
-      const ViewMetrics m =
-          view_metrics({}, std::span<const float, 8>(values.data() + 8 * (views.size() + i), 8));
-      view.fitted = {m.psnr_channel_mean, m.psnr, m.ssim};
-    }
+    if (fit != Appearance::none)
+      view.fitted = fitted_metrics(std::span<const float, 8>(values.data() + 8 * (views.size() + i), 8));
     metrics.views[i] = std::move(view);
   }
   add_mean(metrics);

@@ -34,16 +34,18 @@ struct ViewMetrics {
   // Values after a fit of the appearance, if one was requested. All other values are without such a fit.
   std::optional<FittedMetrics> fitted;
   std::optional<FittedMetrics> posed;  // from the pose that fits best; only if cameras are refined
+  std::string part_of{};               // as View::part_of
 };
 
 struct Metrics {
   std::vector<ViewMetrics> views;
-  ViewMetrics mean;  // mean of the values of the views
+  std::vector<ViewMetrics> wide_images;  // wide images, compared in their own lens (measure_wide_images())
+  ViewMetrics mean;  // mean over the images; views that show a part of one of `wide_images` are left out
 };
 
 // Computes the metrics of a view from the eight sums of Stages::image_loss.
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums);
-// Stores the averages over the views in `mean`. `mean` has ssim_valid only if every view has one.
+// Computes `mean`. It has ssim_valid only if every image has one.
 void add_mean(Metrics& metrics);
 
 // Renders and measures every view. `first_camera` is the index of the first view among the renderer's
@@ -64,6 +66,17 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
 void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
                   const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
                   std::uint32_t first_target, Metrics& metrics);
+
+// Measures the wide images that `views` show parts of. From the cameras of the views, it renders the pinhole
+// images that WideImage::compose() needs, composes the image, and compares it with the file. Returns the
+// metrics in the order in which the images first occur, without images that are not in a file. If an image
+// is too large, it warns and leaves the image out. `more` and `fit` are those of evaluate(). Replaces the
+// renderer's cameras.
+std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
+                                             std::span<const RenderGroup> groups,
+                                             const RenderSettings& settings, const std::vector<View>& views,
+                                             const std::vector<Camera>& cameras, ImageMetrics* more = nullptr,
+                                             Appearance fit = Appearance::none);
 
 // This overload of evaluate() is for several ranks. They divide the views among them, and all get the same
 // result. `draw` renders a view into the renderer. Every rank calls it equally often; surplus calls pass an

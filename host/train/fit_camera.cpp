@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <ranges>
 
+#include "host/base/vector3.hpp"
 #include "host/train/pyramid.hpp"
 
 namespace ubs {
@@ -56,33 +58,58 @@ CameraMove solve_normal(NormalEquations e, std::size_t moves) {
   return out;
 }
 
-PoseFit::PoseFit(const Drawing& drawing, const Image8& photograph, int factor, double depth)
-    : drawing_(drawing), photograph_(reduced(photograph, factor)), factor_(factor), depth_(depth) {}
+std::vector<Part> parts_of(const Split& split, std::span<const std::uint32_t> views,
+                           std::span<const Camera> cameras) {
+  std::vector<Part> parts;
+  for (const std::uint32_t view : views) parts.push_back({split.views[view].load_image(), cameras[view]});
+  return parts;
+}
+
+std::vector<Camera> cameras_of_parts(const Camera& first, std::span<const Part> parts) {
+  std::vector<Camera> cameras{first};
+  for (const Part& part : parts.subspan(1)) {
+    const RotationMatrix turn = product(part.camera.rotation, transposed(parts[0].camera.rotation));
+    cameras.push_back(part.camera);
+    cameras.back().rotation = product(turn, first.rotation);
+    cameras.back().translation = rotated(turn, first.translation);
+  }
+  return cameras;
+}
+
+PoseFit::PoseFit(const Drawing& drawing, std::span<const Part> parts, int factor, double depth)
+    : drawing_(drawing), factor_(factor), depth_(depth) {
+  for (const Part& part : parts) parts_.push_back({reduced(part.image, factor), part.camera});
+}
 
 void PoseFit::draw(std::span<const Camera> cameras) {
   std::vector<Camera> small;
-  for (const Camera& camera : cameras) small.push_back(reduced(camera, factor_));
+  for (const Camera& camera : cameras)
+    for (const Camera& part : cameras_of_parts(camera, parts_)) small.push_back(reduced(part, factor_));
   drawing_.renderer.set_cameras(small);
-  images_.clear();
+  renders_.assign(parts_.size(), {});
   for (std::uint32_t i = 0; i < small.size(); ++i) {
     drawing_.renderer.forward(drawing_.groups, i, drawing_.settings, false);
-    images_.push_back(drawing_.renderer.download().rgb);
+    std::vector<float> values = drawing_.renderer.download().rgb;
     // The values of a photograph are limited to this range too.
-    for (float& value : images_.back()) value = std::clamp(value, 0.0f, 1.0f);
+    for (float& value : values) value = std::clamp(value, 0.0f, 1.0f);
+    renders_[i % parts_.size()].push_back(std::move(values));
   }
 }
 
 template <typename Visit>
 void PoseFit::for_values(Visit visit) const {
-  for (std::size_t i = 0; i < photograph_.rgb.size(); ++i)
-    if (photograph_.mask.empty() || photograph_.mask[i / 3] != 0) visit(i, photograph_.rgb[i] / 255.0);
+  for (std::size_t part = 0; part < parts_.size(); ++part) {
+    const Image8& image = parts_[part].image;
+    for (std::size_t i = 0; i < image.rgb.size(); ++i)
+      if (image.mask.empty() || image.mask[i / 3] != 0) visit(renders_[part], i, image.rgb[i] / 255.0);
+  }
 }
 
 double PoseFit::squares(const Camera& camera) {
   draw({&camera, 1});
   double sum = 0;
-  for_values([&](std::size_t i, double truth) {
-    const double residual = static_cast<double>(images_[0][i]) - truth;
+  for_values([&](const auto& renders, std::size_t i, double truth) {
+    const double residual = static_cast<double>(renders[0][i]) - truth;
     sum += residual * residual;
   });
   return sum;
@@ -98,10 +125,10 @@ NormalEquations PoseFit::linearise(const Camera& camera, std::size_t moves) {
   }
   draw(cameras);
   NormalEquations out;
-  for_values([&](std::size_t i, double truth) {
-    const double value = images_[0][i], residual = value - truth;
+  for_values([&](const auto& renders, std::size_t i, double truth) {
+    const double value = renders[0][i], residual = value - truth;
     CameraMove row{};
-    for (std::size_t k = 0; k < moves; ++k) row[k] = (static_cast<double>(images_[k + 1][i]) - value) / h;
+    for (std::size_t k = 0; k < moves; ++k) row[k] = (static_cast<double>(renders[k + 1][i]) - value) / h;
     for (std::size_t a = 0; a < moves; ++a) {
       out.right[a] -= row[a] * residual;
       for (std::size_t b = 0; b <= a; ++b) out.matrix[a][b] += row[a] * row[b];
@@ -166,18 +193,19 @@ Camera PoseFit::descend(Camera camera, int steps, const PoseHold& hold) {
   return camera;
 }
 
-FittedCamera fit_camera(const Drawing& drawing, const Image8& photograph, const Camera& start, double depth,
-                        bool fits) {
-  Camera camera = start;
+FittedCamera fit_camera(const Drawing& drawing, std::span<const Part> parts, double depth, bool fits) {
+  Camera camera = parts[0].camera;
+  const auto short_side = [](const Part& part) { return std::min(part.camera.width, part.camera.height); };
+  const int least = std::ranges::min(parts | std::views::transform(short_side));
   bool searched = false;
   for (const int factor : {4, 2})
-    if (fits && std::min(start.width, start.height) / factor >= kMinShortSide) {
-      PoseFit fit(drawing, photograph, factor, depth);
+    if (fits && least / factor >= kMinShortSide) {
+      PoseFit fit(drawing, parts, factor, depth);
       if (!searched) camera = fit.search(camera);
       searched = true;
       camera = fit.descend(camera, kFittingSteps);
     }
-  PoseFit whole(drawing, photograph, 1, depth);
+  PoseFit whole(drawing, parts, 1, depth);
   if (fits) camera = whole.descend(camera, kFittingSteps);
   return {camera, deviation_of(whole.linearise(camera, kPoseMoves), depth)};
 }

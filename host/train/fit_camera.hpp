@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // fit_camera() finds the camera pose from which a fixed model looks most like a photograph, in squared error.
-// It uses Gauss-Newton steps with finite differences of rendered images (method.md 4.10).
+// It uses Gauss-Newton steps with finite differences of rendered images (method.md 4.10). The views of a wide
+// image have one position and fixed angles between them, so one pose is fitted to all of them together.
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <span>
+#include <vector>
 
 #include "host/pipeline/renderer.hpp"
 #include "host/scene/camera_motion.hpp"
@@ -40,11 +43,25 @@ struct PoseHold {
   double prior = 0;
 };
 
-// PoseFit fits the pose of a camera, given the model and a photograph that is reduced by `factor`.
+// Part is a pinhole view of a photograph. Most photographs have one.
+struct Part {
+  Image8 image;
+  Camera camera;  // as given: its lens, and its rotation relative to the first part
+};
+
+// Returns the parts of an image, given its views and the present cameras of all views of the split.
+std::vector<Part> parts_of(const Split& split, std::span<const std::uint32_t> views,
+                           std::span<const Camera> cameras);
+
+// Returns the cameras of all parts if the first part has the camera `first`.
+std::vector<Camera> cameras_of_parts(const Camera& first, std::span<const Part> parts);
+
+// PoseFit fits the pose of the first part of a photograph, given the model. The images are reduced by
+// `factor`.
 class PoseFit {
  public:
   // `depth` is the distance of the pivot from the camera.
-  PoseFit(const Drawing& drawing, const Image8& photograph, int factor, double depth);
+  PoseFit(const Drawing& drawing, std::span<const Part> parts, int factor, double depth);
 
   // Returns the matrix J^T J and the right side -J^T r for the residuals r, with respect to the first `moves`
   // moves (6 or 10).
@@ -57,15 +74,18 @@ class PoseFit {
 
  private:
   double squares(const Camera& camera);
+  // Renders every part from every camera of the first part.
   void draw(std::span<const Camera> cameras);
+  // Calls visit(renders, i, truth) for all values i of the photograph that are not masked, where `renders` are
+  // those of the part that contains the value.
   template <typename Visit>
   void for_values(Visit visit) const;
 
   Drawing drawing_;
-  Image8 photograph_;
+  std::vector<Part> parts_;  // with reduced images
   int factor_;
   double depth_;
-  std::vector<std::vector<float>> images_;
+  std::vector<std::vector<std::vector<float>>> renders_;  // by part, then by camera
 };
 
 // Standard deviations of a pose, averaged over the axes: of rotations [rad] and of the centre [world units].
@@ -80,9 +100,8 @@ struct FittedCamera {
   CameraDeviation deviation;
 };
 
-// Fits the pose first on reduced images and then on the full image. If `fits` is false, it keeps the pose and
-// only computes its deviation.
-FittedCamera fit_camera(const Drawing& drawing, const Image8& photograph, const Camera& start, double depth,
-                        bool fits = true);
+// Fits the pose of the first part, starting from its camera, first on reduced images and then on the full
+// images. If `fits` is false, it keeps the pose and only computes its deviation.
+FittedCamera fit_camera(const Drawing& drawing, std::span<const Part> parts, double depth, bool fits = true);
 
 }  // namespace ubs

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/trained_cameras.hpp"
 
+#include <algorithm>
+
 namespace ubs {
 
 void TrainedCameras::sweep(double done) {
@@ -24,10 +26,12 @@ std::vector<FittedCamera> TrainedCameras::fit(const Split& split, std::size_t fi
   const Drawing drawing{passes_.renderer(), std::span(&splats, 1), passes_.settings()};
   const SplatModel model = splats_.download();
   const std::vector<Camera> cameras = views_.cameras();
-  std::vector<FittedCamera> out;
-  for (std::size_t i = 0; i < split.views.size(); ++i) {
-    const Camera& camera = cameras[first + i];
-    out.push_back(fit_camera(drawing, split.views[i].load_image(), camera, pivot_depth(camera, model), fits));
+  std::vector<FittedCamera> out(split.views.size());
+  for (const auto& views : views_by_image(split.views)) {
+    const std::vector<Part> parts = parts_of(split, views, std::span(cameras).subspan(first));
+    const FittedCamera fitted = fit_camera(drawing, parts, pivot_depth(parts[0].camera, model), fits);
+    const std::vector<Camera> found = cameras_of_parts(fitted.camera, parts);
+    for (std::size_t k = 0; k < views.size(); ++k) out[views[k]] = {found[k], fitted.deviation};
   }
   restore_cameras();
   return out;
@@ -38,10 +42,29 @@ const std::vector<FittedCamera>& TrainedCameras::held_out() {
   return held_out_;
 }
 
+std::vector<ViewMetrics> TrainedCameras::wide_metrics(const std::vector<Camera>& cameras, ImageMetrics* more,
+                                                      Appearance fit) {
+  const RenderGroup splats = group();
+  std::vector<ViewMetrics> found =
+      measure_wide_images(device_, stages_, passes_.renderer(), std::span(&splats, 1), passes_.settings(),
+                          views_.test().views, cameras, more, fit);
+  restore_cameras();
+  return found;
+}
+
+void TrainedCameras::measure_wide(Metrics& metrics, ImageMetrics* more, Appearance fit) {
+  if (std::ranges::none_of(views_.test().views, [](const View& view) { return view.wide != nullptr; })) return;
+  metrics.wide_images = wide_metrics(test(), more, fit);
+  add_mean(metrics);
+}
+
 void TrainedCameras::measure_fitted(Metrics& metrics) {
   const RenderGroup splats = group();
   std::vector<Camera> cameras;
   for (const FittedCamera& fitted : held_out()) cameras.push_back(fitted.camera);
+  for (const ViewMetrics& image : wide_metrics(cameras, nullptr, Appearance::none))
+    for (ViewMetrics& known : metrics.wide_images)
+      if (known.name == image.name) known.posed = {image.psnr_channel_mean, image.psnr, image.ssim};
   measure_from(device_, stages_, passes_.renderer(), std::span(&splats, 1), passes_.settings(), cameras,
                views_.targets(), static_cast<std::uint32_t>(views_.train().views.size()), metrics);
   restore_cameras();

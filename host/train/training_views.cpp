@@ -33,7 +33,12 @@ TrainingViews::TrainingViews(Device& device, const TrainSettings& settings, cons
   targets_.add(train);
   targets_.add(test);
   if (settings.appearance == Appearance::none) return;
-  appearance_ = Buffer<float>(device, "appearance", train.views.size() * kAppearanceState);
+  const auto images = views_by_image(train.views);
+  images_ = static_cast<std::uint32_t>(images.size());
+  image_of_.resize(train.views.size());
+  for (std::uint32_t i = 0; i < images_; ++i)
+    for (const std::uint32_t view : images[i]) image_of_[view] = i;
+  appearance_ = Buffer<float>(device, "appearance", std::size_t{images_} * kAppearanceState);
   appearance_.zero();
   v_appearance_ = Buffer<float>(device, "appearance gradients", batch_ * kAppearanceNumbers);
 }
@@ -71,7 +76,7 @@ ImageLoss TrainingViews::loss(const Renderer& renderer, std::uint64_t draw, Buff
   const std::uint32_t view = order_(draw);
   ImageLoss loss = training_loss(renderer, targets_.get(view), settings_, sums);
   loss.appearance = appearance_.view();
-  loss.appearance_offset = view * kAppearanceState;
+  if (appearance_) loss.appearance_offset = image_of_[view] * kAppearanceState;
   loss.v_appearance = v_appearance_.view();
   loss.v_appearance_offset = appearance_slot(draw);
   return loss;
@@ -82,8 +87,8 @@ void TrainingViews::learn_appearance(Stages& stages, std::uint64_t draw, double 
   if (!appearance_) return;
   const bool mixes = settings_.appearance == Appearance::affine;
   stages.appearance_step({.state = appearance_.view(),
-                          .images = static_cast<std::uint32_t>(train_.views.size()),
-                          .image = order_(draw),
+                          .images = images_,
+                          .image = image_of_[order_(draw)],
                           .gradient = v_appearance_.view(),
                           .gradient_offset = appearance_slot(draw),
                           .rate_diagonal = static_cast<float>(rate),

@@ -216,7 +216,7 @@ TEST_CASE("dataset: the error for other paths describes the file", "[dataset]") 
              Contains("ZIP") && Contains("unpack it first"));
   put(folder / "d/transforms_colmap.json", nerfstudio_json(kHead));
   CHECK_THAT(message_of([&] { load_dataset(folder / "d"); }),
-             Contains("pass the file itself: ") && Contains("d/transforms_colmap.json"));
+             Contains("give the file itself: ") && Contains("d/transforms_colmap.json"));
 }
 
 TEST_CASE("dataset: the error for NaN in a transforms file contains frame and field", "[dataset]") {
@@ -287,7 +287,7 @@ TEST_CASE("dataset: settings that a layout does not use are rejected", "[dataset
   CHECK_THAT(refusal("transforms.json", {.read = {.images = "images_4"}}),
              Contains("nerfstudio does not use --images"));
   CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("not use --frames"));
-  CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 0}}), Contains("not use --test-every"));
+  CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 4}}), Contains("not use --test-every"));
 }
 
 TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
@@ -544,8 +544,12 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   REQUIRE(longer.find("train")->views.size() == 3);
   CHECK(longer.find("train")->views[1].camera.time == 0.5);
   CHECK_THAT(longer.report.notes.at(0), Contains("cam00 has 3 frames, but cam01 has 4"));
-  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.test_every = 0}}); }, ErrorKind::usage),
+  CHECK_THAT(message_of([&] { load_dataset(folder.path(), {.read = {.test_every = 4}}); }, ErrorKind::usage),
              Contains("N3V does not use --test-every"));
+  const Dataset unsplit = load_dataset(folder.path(), {.read = {.test_every = 0}});
+  CHECK(unsplit.find("test")->views.size() == 3);
+  CHECK(std::ranges::count(unsplit.report.notes,
+                           "--test-every 0 has no effect: the layout N3V states its test views") == 1);
 }
 
 TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]") {

@@ -494,7 +494,7 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
   };
   const std::tuple<const char*, std::string, const char*> kinds[] = {
       {"p.ply", ply + columns({"x", "y", "z", "red"}) + "end_header\n" + std::string(32, 0),
-       "a point cloud with 2 points, but no splats"},
+       "a point cloud of 2 points, no splats"},
       {"m.ply",
        ply + columns({"x", "y", "z"}) +
            "element face 7\nproperty list uchar int vertex_indices\nend_header\n",
@@ -504,7 +504,7 @@ TEST_CASE("kinds: errors describe files without splats", "[formats]") {
            columns(
                {"x", "y", "z", "f_offset_0", "f_anchor_feat_0", "opacity", "scale_0", "scale_1", "rot_0"}) +
            "end_header\n",
-       "2 anchors of Scaffold-GS and no splats"},
+       "2 anchors of Scaffold-GS, no splats"},
       {"d.zip", zip_of({{"images/", ""}, {"images/a.png", "x"}, {"sparse/0/cameras.bin", "x"}}),
        "a ZIP archive of 3 files"},
       {"d.sog", zip_of({{"a.png", "x"}}), "unpack it first"},

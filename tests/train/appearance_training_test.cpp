@@ -59,6 +59,23 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
   }
 }
 
+TEST_CASE("appearance: the views of a wide image share the numbers of their image", "[appearance]") {
+  test::Data data = test::synthetic("glossy", 32, 6);
+  for (const std::size_t i : {1, 2, 4}) data.train.views[i].part_of = "wide";
+  const std::vector<std::vector<std::uint32_t>> images = views_by_image(data.train.views);
+  REQUIRE(images == std::vector<std::vector<std::uint32_t>>{{0}, {1, 2, 4}, {3}, {5}});
+  for (const auto& device : test::devices_under_test()) {
+    TrainSettings settings = test::short_run(3, 30, 200);
+    settings.appearance = Appearance::gain;
+    Trainer trainer(*device, settings, data.train, data.test,
+                    initialise_random(3, 200, settings.seed, {.variant = settings.variant}));
+    trainer.run([](const StepReport&) { return true; });
+    const std::vector<float> numbers = trainer.state().appearance;
+    REQUIRE(numbers.size() == std::size_t{4} * kAppearanceState);
+    for (std::size_t image = 0; image < 4; ++image) CHECK(numbers[image * kAppearanceState] != 0);
+  }
+}
+
 TEST_CASE("appearance: the fit finds the map of an image, and keeps what the image does not determine",
           "[appearance]") {
   RenderedView view{64, 8, {}, {}, {}};

@@ -112,16 +112,76 @@ TEST_CASE("a pose is fitted to a known model", "[cameras]") {
       photograph.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0f, 1.0f))));
     Split off{"off", {View{"view", scene.camera, {}, {}, false}}};
     perturb(off, 0.03, 0.06);
-    const FittedCamera found = fit_camera(drawing, photograph, off.views[0].camera, 3);
+    const Part part{photograph, off.views[0].camera};
+    const FittedCamera found = fit_camera(drawing, std::span(&part, 1), 3);
     const Vec3 away = Vec3(found.camera.centre()) - scene.camera.centre();
     INFO(device->info().name << ": " << length(away) << ", deviation " << found.deviation.centre);
     CHECK(length(away) < 3e-4);  // of 0.06; worst observed 1.5e-4, PoCL
     CHECK(found.deviation.centre > 0);
     CHECK(found.deviation.centre < 2e-3);
     // Deviation of a pose that is not fitted.
-    const FittedCamera left = fit_camera(drawing, photograph, off.views[0].camera, 3, false);
+    const FittedCamera left = fit_camera(drawing, std::span(&part, 1), 3, false);
     CHECK(left.camera.translation == off.views[0].camera.translation);
     CHECK(left.deviation.turn > found.deviation.turn);  // its residuals are larger
+  }
+}
+
+// The right and left part see the scene at their border. Fitted alone, their poses would move away.
+TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
+  const oracle::SceneOptions options{.count = 300, .dim = 6, .seed = 4, .width = 160, .height = 120};
+  const oracle::Scene scene = oracle::regular_scene(options);
+  Split truth{"truth", {}};
+  for (const double angle : {0.0, 0.6, -0.6}) {
+    View& view = truth.views.emplace_back(View{"view", moved(scene.camera, {0, angle}, 0), {}, {}, false});
+    view.part_of = "image";
+  }
+  for (const auto& device : test::devices_under_test()) {
+    const auto stages = make_stages(*device, {.dim = 6, .raster = rasters_of(*device)[0]});
+    Renderer renderer(*device, *stages);
+    const DeviceModel model(*device, scene.model);
+    const RenderGroup group{stages.get(), model.view()};
+    const Drawing drawing{renderer, std::span(&group, 1), {}};
+    renderer.set_cameras(cameras_of(truth));
+    std::vector<Part> parts;
+    for (std::uint32_t i = 0; i < truth.views.size(); ++i) {
+      renderer.forward(model.view(), i, {}, false);
+      const RenderedView view = renderer.download();
+      parts.push_back({{view.width, view.height, {}, {}}, truth.views[i].camera});
+      for (const float v : view.rgb)
+        parts[i].image.rgb.push_back(
+            static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0f, 1.0f))));
+    }
+    const CameraMove error{0.02, -0.02, 0.01, 0.01, 0.02, -0.01};
+    const std::vector<Camera> start = cameras_of_parts(moved(scene.camera, error, 3), parts);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      CHECK(length(Vec3(start[i].centre()) - start[0].centre()) < 1e-12);
+      parts[i].camera = start[i];
+    }
+    const std::vector<Camera> found =
+        cameras_of_parts(fit_camera(drawing, parts, 3).camera, parts);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      const Camera& right = truth.views[i].camera;
+      const Vec3 away = Vec3(found[i].centre()) - right.centre();
+      const Vec3 turn = turn_of(product(found[i].rotation, transposed(right.rotation)));
+      INFO(device->info().name << ", part " << i << ": " << length(away) << ", " << length(turn));
+      CHECK(length(away) < 1);
+      CHECK(length(turn) < 1);
+    }
+    // The refiner moves the views of an image together.
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      truth.views[i].image = parts[i].image;
+      truth.views[i].camera = start[i];
+    }
+    CameraRefiner refiner(truth, scene.model, RefineCameras::pose_and_intrinsics);
+    CHECK(refiner.with_lens(start[0]).fx == start[0].fx);
+    refiner.sweep(drawing, 1, 1);
+    const std::vector<Camera> expected = cameras_of_parts(refiner.cameras()[0], parts);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      const Camera& refined = refiner.cameras()[i];
+      CHECK(refined.fx == start[i].fx);
+      CHECK(length(Vec3(refined.centre()) - expected[i].centre()) < 1e-12);
+      CHECK(length(turn_of(product(refined.rotation, transposed(expected[i].rotation)))) < 1e-7);
+    }
   }
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests panoramas and fisheye images that are composed of faces (host/api/lens_image.hpp).
-#include "host/api/lens_image.hpp"
+// Tests panoramas and fisheye images that are composed of faces (host/data/lens_image.hpp).
+#include "host/data/lens_image.hpp"
 
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -48,7 +48,7 @@ Camera turned_camera() {
 }
 
 RenderedView composed(const WideLens& lens, const Camera& camera) {
-  const LensImage image(lens);
+  const LensImage image(lens, "--lens");
   std::vector<RenderedView> faces;
   for (const Camera& face : image.faces(camera)) {
     for (std::size_t k = 0; k < 3; ++k) CHECK(face.centre()[k] == Approx(camera.centre()[k]).margin(1e-12));
@@ -117,10 +117,11 @@ TEST_CASE("lens image: wrong lenses and sizes", "[lens]") {
                            "fisheye:90x", "equirectangular:360"})
     CHECK_THAT(message_of([&] { wide_lens(text, 64, 64); }, ErrorKind::usage),
                Contains("--lens") && Contains("fisheye:DEGREES"));
-  CHECK_THAT(message_of([&] { LensImage{wide_lens("equirectangular", 8, 4)}; }, ErrorKind::usage),
+  const auto check_complete = [](const WideLens& lens) { LensImage(lens, "--lens").check_complete(); };
+  CHECK_THAT(message_of([&] { check_complete(wide_lens("equirectangular", 8, 4)); }, ErrorKind::usage),
              Contains("8x4 pixels are too few"));
-  CHECK_THAT(message_of([&] { LensImage{wide_lens("fisheye:200", 12, 12)}; }, ErrorKind::usage),
+  CHECK_THAT(message_of([&] { check_complete(wide_lens("fisheye:200", 12, 12)); }, ErrorKind::usage),
              Contains("12x12 pixels are too few"));
-  CHECK_THAT(message_of([&] { LensImage{wide_lens("fisheye:10", 4096, 4096)}; }, ErrorKind::usage),
+  CHECK_THAT(message_of([&] { LensImage(wide_lens("fisheye:10", 4096, 4096), "--lens"); }, ErrorKind::usage),
              Contains("4096x4096 pixels are too many for 10 degrees"));
 }

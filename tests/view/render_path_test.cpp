@@ -3,6 +3,7 @@
 // dimensions.
 #include <catch2/catch.hpp>
 
+#include "host/base/json.hpp"
 #include "host/data/image.hpp"
 #include "host/data/ply.hpp"
 #include "host/data/video.hpp"
@@ -129,6 +130,44 @@ TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole imag
   CHECK(error(fisheye, 256 / (200 * M_PI / 180), false) < 2);  // observed 1.02
   CHECK((fisheye.rgb[0] == 0 && load_image(folder / "o/frame_0000_alpha.png").rgb[0] == 0));
   CHECK(std::filesystem::exists(folder / "o/frame_0000_depth.png"));
+}
+
+TEST_CASE("eval: a wide image is compared in its own lens, where its mask allows it") {
+  const TempFolder folder;
+  write_splat_ply(folder / "m.ply", scene(6));
+  test::put(folder / "k.json",
+            R"({"keyframes": [{"position": [0,-1,0], "look_at": [0,0,0], "up": [0,0,1]}]})");
+  run_ok(folder,
+         "m.ply --path k.json --path-frames 1 --size 256x128 --lens equirectangular --out data/images");
+  std::filesystem::create_directories(folder / "data/sparse/0");
+  test::put(folder / "data/sparse/0/cameras.txt", "1 EQUIRECTANGULAR 256 128 256 128\n");
+  test::put(folder / "data/sparse/0/images.txt",
+            "1 0.70710678118654752 0.70710678118654752 0 0 0 0 1 1 frame_0000.png\n\n");
+  test::put(folder / "data/sparse/0/points3D.txt", "# none\n");
+  const auto measured = [&] {
+    return test::ubs_ok(folder, "eval m.ply data --split train --test-every 0 --fps-views 0 --json").out;
+  };
+  const Json all = parse_own_json(measured(), "eval");
+  REQUIRE(all.at("views").size() == 6);
+  REQUIRE(all.at("wide_images").size() == 1);
+  const Json& image = all.at("wide_images")[0];
+  CHECK(image.at("name") == "frame_0000");
+  for (const Json& view : all.at("views")) CHECK(view.at("part_of") == "frame_0000");
+  // The image was composed in the same way, so only the rounding to 8 bits is left.
+  CHECK(image.at("psnr").get<double>() > 55);
+  CHECK(all.at("mean").at("psnr") == image.at("psnr"));
+  CHECK(all.at("mean").at("ssim") == image.at("ssim"));
+
+  Image8 painted = load_image(folder / "data/images/frame_0000.png");
+  Image8 mask{256, 128, std::vector<std::uint8_t>(painted.rgb.size(), 255), {}};
+  for (std::size_t i = 0; i < painted.rgb.size() / 2; ++i)
+    painted.rgb[i] = static_cast<std::uint8_t>(255 - painted.rgb[i]), mask.rgb[i] = 0;
+  save_png(folder / "data/images/frame_0000.png", painted);
+  const double wrong = parse_own_json(measured(), "eval").at("mean").at("psnr").get<double>();
+  CHECK(wrong < 20);
+  std::filesystem::create_directories(folder / "data/masks");
+  save_png(folder / "data/masks/frame_0000.png", mask);
+  CHECK(parse_own_json(measured(), "eval").at("mean").at("psnr").get<double>() > 55);
 }
 
 TEST_CASE("render --path: errors have one line, and no files are left") {

@@ -12,6 +12,7 @@ namespace {
 
 Json view_json(const ViewMetrics& m) {
   Json json{{"name", m.name}};
+  if (!m.part_of.empty()) json["part_of"] = m.part_of;
   json.update(quality_json(m));
   if (m.ssim_valid) json["ssim_valid"] = *m.ssim_valid;
   for (const NamedValue& distance : m.lpips) json[distance.name] = distance.value;
@@ -80,7 +81,9 @@ Json metrics_json(const Metrics& metrics) {
   for (const ViewMetrics& m : metrics.views) views.push_back(view_json(m));
   Json mean = view_json(metrics.mean);
   mean.erase("name");
-  return {{"mean", std::move(mean)}, {"views", std::move(views)}};
+  Json json{{"mean", std::move(mean)}, {"views", std::move(views)}};
+  for (const ViewMetrics& m : metrics.wide_images) json["wide_images"].push_back(view_json(m));
+  return json;
 }
 
 std::string metrics_text(const ViewMetrics& m) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/api/lens_image.hpp"
+#include "host/data/lens_image.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -74,31 +74,35 @@ WideLens wide_lens(const std::string& text, int width, int height) {
   return {lens, angle / 2};
 }
 
-LensImage::LensImage(const WideLens& wide)
-    : fine_(wide.lens.scaled_to(kSamples * wide.lens.width, kSamples * wide.lens.height)),
+LensImage::LensImage(const WideLens& wide, const std::string& where)
+    : where_(where),
+      fine_(wide.lens.scaled_to(kSamples * wide.lens.width, kSamples * wide.lens.height)),
       max_angle_(wide.max_angle) {
   if (fine_.fx >= kMaxFocal)
-    fail(ErrorKind::usage, "--lens: {}x{} pixels are too many for {:.3g} degrees: choose a smaller --size",
+    fail(ErrorKind::usage, "{}: {}x{} pixels are too many for {:.3g} degrees: choose a smaller size", where,
          wide.lens.width, wide.lens.height, 360 / std::numbers::pi * max_angle_);
-  plans_ = plan_faces(fine_, "--lens");
+  plans_ = plan_faces(fine_, where);
   std::uint64_t pixels = 0;
   for (const Undistortion& plan : plans_)
     pixels += static_cast<std::uint64_t>(plan.width) * static_cast<std::uint64_t>(plan.height);
   require_memory(5 * sizeof(float) * pixels,
-                 fmt::format("--lens: an image of {}x{} pixels", wide.lens.width, wide.lens.height));
+                 fmt::format("{}: an image of {}x{} pixels", where, wide.lens.width, wide.lens.height));
   face_of_axis_.fill(-1);
   for (std::size_t i = 0; i < plans_.size(); ++i) {
     const auto& m = plans_[i].rotation;  // its third row is the axis of the face
     face_of_axis_[axis_of({m[6], m[7], m[8]})] = static_cast<int>(i);
   }
+}
+
+void LensImage::check_complete() const {
   // plan_faces() leaves out faces with very few pixels.
   constexpr int kGrid = 64;
   for (int j = 0; j < kGrid; ++j)
     for (int i = 0; i < kGrid; ++i)
       if (const auto ray = shown_ray((i + 0.5) * fine_.width / kGrid, (j + 0.5) * fine_.height / kGrid);
           ray && face_of_axis_[axis_of(*ray)] < 0)
-        fail(ErrorKind::usage, "--lens: {}x{} pixels are too few for this lens: choose a larger --size",
-             wide.lens.width, wide.lens.height);
+        fail(ErrorKind::usage, "{}: {}x{} pixels are too few for this lens: choose a larger size", where_,
+             fine_.width / kSamples, fine_.height / kSamples);
 }
 
 std::optional<Ray> LensImage::shown_ray(double column, double row) const {
@@ -113,6 +117,29 @@ std::vector<Camera> LensImage::faces(const Camera& camera) const {
   return cameras;
 }
 
+template <typename Visit>
+void LensImage::for_samples(const Visit& visit) const {
+  const int width = fine_.width / kSamples, height = fine_.height / kSamples;
+  parallel_for(static_cast<std::size_t>(height), [&](std::size_t j) {
+    for (int i = 0; i < width; ++i)
+      for (int s = 0; s < kSamples * kSamples; ++s) {
+        const double column = kSamples * i + s % kSamples + 0.5;
+        const double row = kSamples * static_cast<double>(j) + s / kSamples + 0.5;
+        const auto ray = shown_ray(column, row);
+        if (ray && face_of_axis_[axis_of(*ray)] >= 0)
+          visit(j * static_cast<std::size_t>(width) + static_cast<std::size_t>(i), *ray);
+      }
+  });
+}
+
+std::vector<std::uint8_t> LensImage::shown() const {
+  std::vector<std::uint8_t> samples(static_cast<std::size_t>(fine_.width / kSamples) *
+                                    static_cast<std::size_t>(fine_.height / kSamples));
+  for_samples([&](std::size_t pixel, const Ray&) { ++samples[pixel]; });
+  for (std::uint8_t& count : samples) count = count == kSamples * kSamples ? 255 : 0;
+  return samples;
+}
+
 RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
   if (faces.size() != plans_.size())
     fail(ErrorKind::internal, "the number of images is {}, but the lens has {} faces", faces.size(),
@@ -123,11 +150,10 @@ RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
   out.rgb.assign(3 * pixels, 0);
   out.alpha.assign(pixels, 0);
   if (depth) out.depth.assign(pixels, 0);
-  const auto add_ray = [&](std::size_t pixel, const Ray& ray) {
-    const int index = face_of_axis_[axis_of(ray)];
-    if (index < 0) return;
-    const Undistortion& plan = plans_[static_cast<std::size_t>(index)];
-    const RenderedView& face = faces[static_cast<std::size_t>(index)];
+  for_samples([&](std::size_t pixel, const Ray& ray) {
+    const auto index = static_cast<std::size_t>(face_of_axis_[axis_of(ray)]);
+    const Undistortion& plan = plans_[index];
+    const RenderedView& face = faces[index];
     const Ray r = rotated(plan.rotation, ray);
     const double column = r[0] / r[2] * plan.fx + plan.cx, row = r[1] / r[2] * plan.fy + plan.cy;
     constexpr float kPart = 1.0f / (kSamples * kSamples);
@@ -136,15 +162,6 @@ RenderedView LensImage::compose(std::span<const RenderedView> faces) const {
     if (depth)
       add_sample(face.depth, 1, face.width, face.height, column, row,
                  kPart * static_cast<float>(length(r) / r[2]), &out.depth[pixel]);
-  };
-  parallel_for(static_cast<std::size_t>(out.height), [&](std::size_t j) {
-    for (int i = 0; i < out.width; ++i)
-      for (int s = 0; s < kSamples * kSamples; ++s) {
-        const double column = kSamples * i + s % kSamples + 0.5;
-        const double row = kSamples * static_cast<double>(j) + s / kSamples + 0.5;
-        if (const auto ray = shown_ray(column, row))
-          add_ray(j * static_cast<std::size_t>(out.width) + static_cast<std::size_t>(i), *ray);
-      }
   });
   return out;
 }
