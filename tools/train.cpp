@@ -325,6 +325,8 @@ int run(const TrainOptions& options) {
   run.budget = start.checkpoint ? start.checkpoint->budget
                : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
                                 : TimeBudget{};
+  if (start.checkpoint && !options.start.budget.empty())
+    settings.work_shares = shares_until(settings, start.checkpoint->state.iteration);
   const SplatModel initial =
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, in_unit(settings));
   warm_up(settings, initial);
@@ -400,7 +402,7 @@ int run(const TrainOptions& options) {
   if (live && !guard.interrupted()) live->end();
   if (options.json) print_json(json);
   if (options.talkative()) {
-    print_summary(start, folder, trainer, outcome, peak_bytes, renders);
+    print_summary(start, folder, trainer, outcome, peak_bytes, renders, budget_seconds > 0);
     if (learnt != Background::Learnt::no)
       say("trained  background {}{}\n", fmt::join(trainer.drawn_settings().background.colour, ","),
           learnt == Background::Learnt::sky ? " (average over all directions)" : "");
@@ -430,7 +432,8 @@ Command add_train(CLI::App& root) {
          "--budget", options->start.budget,
          fmt::format(
              "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
-             "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]",
+             "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]; with "
+             "--resume, +TIME ends the run after this time",
              kDefaultIterations))
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,

@@ -38,7 +38,7 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 }
 
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
-                   std::uint64_t peak_bytes, std::size_t renders) {
+                   std::uint64_t peak_bytes, std::size_t renders, bool has_budget) {
   say("{} after {} iterations, {:.1f} s: {} splats\n", outcome.interrupted ? "interrupted" : "finished",
       trainer.iteration(), trainer.seconds(), trainer.splats());
   if (const auto& evaluation = outcome.evaluation)
@@ -53,7 +53,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   say("settings and log  {}\n", start.out);
   const std::string run = shell_word(start.out);
   if (outcome.interrupted)
-    say("next     ubs train --resume {}\n", run);
+    say("next     ubs train --resume {}{}\n", run,
+        has_budget ? " (--budget +1m completes the schedule within a minute)" : "");
   else
     say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "
         "flight.mp4\n",

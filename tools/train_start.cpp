@@ -133,12 +133,24 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
   }
   if (!options.out.empty() || options.overwrite)
     fail(ErrorKind::usage, "--resume continues in the folder of the run: remove --out and --overwrite");
-  if (!options.budget.empty())
-    fail(ErrorKind::usage, "--resume continues the schedule of the run: remove --budget");
+  std::optional<double> more_seconds;
+  if (!options.budget.empty()) {
+    if (!options.budget.starts_with('+'))
+      fail(ErrorKind::usage,
+           "--budget {0}: a resumed run takes the time for the rest, with a plus sign: --budget +{0}",
+           options.budget);
+    more_seconds = time_budget_seconds(options.budget.substr(1));
+  }
   auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
   Checkpoint checkpoint = open_checkpoint(options.resume);
   TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
+  if (more_seconds) {
+    if (checkpoint.budget.seconds == 0)
+      fail(ErrorKind::usage, "--budget {}: the number of iterations of this run is fixed: remove --budget",
+           options.budget);
+    checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
+  }
   // The checkpoint has fixed all settings.
   for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);
   return {{.settings = settings, .fast = {}},

@@ -62,6 +62,13 @@ double StepCost::step_ms(double splats) const {
   return std::max(fixed_ms + each_ms * splats, kMinStepShare * fixed_ms);
 }
 
+std::string shares_until(const TrainSettings& settings, int iteration) {
+  std::vector<SharePoint> points = share_points(settings);
+  std::erase_if(points, [&](const SharePoint& point) { return point.iteration >= iteration; });
+  points.push_back({iteration, rounded_share(WorkShare(settings).at(iteration))});
+  return to_string(points);
+}
+
 WorkTime::WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
                    const std::vector<PyramidLevel>& levels) {
   const auto cost_at = [&](double share) -> const StepCost& {
@@ -158,19 +165,21 @@ double BudgetPace::seconds_left(const WorkShare& work, int iteration) const {
          sweeps_left(share);
 }
 
-double BudgetPace::iterations_per_share(const WorkShare& work, int iteration, double seconds) const {
+double BudgetPace::iterations_per_share(const WorkShare& work, int iteration, double seconds,
+                                        bool any_change) const {
   if (iteration == 0) return budget_.first_iterations;
   const double share = work.at(iteration);
   const double left = std::max(0.0, budget_.seconds - seconds - sweeps_left(share));
   const double steps = slowness_of_rest(share) * time_.steps_left(share);
-  const double before = work.iterations_per_share(iteration);
-  return std::clamp(left / std::max(steps, 1e-12), kLeastChange * before, kMostChange * before);
+  const double fits = left / std::max(steps, 1e-12), before = work.iterations_per_share(iteration);
+  return any_change ? fits : std::clamp(fits, kLeastChange * before, kMostChange * before);
 }
 
-void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds, double swept) {
+void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds, double swept,
+                         bool any_change) {
   const WorkShare work(settings);
   measure(work, iteration, seconds, swept);
-  const double per_share = iterations_per_share(work, iteration, seconds);
+  const double per_share = iterations_per_share(work, iteration, seconds, any_change);
   const double share = work.at(iteration);
   const int rest = std::clamp(static_cast<int>(std::lround(per_share * (1 - share))), 1,
                               std::max(1, budget_.most_iterations - iteration));

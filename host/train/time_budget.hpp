@@ -49,6 +49,10 @@ class WorkTime {
   std::vector<Sweep> sweeps_;
 };
 
+// Returns work_shares up to this iteration, which becomes the last point. A run that continues there with
+// another time budget sets the pace of the rest anew.
+std::string shares_until(const TrainSettings& settings, int iteration);
+
 struct TimeBudget {
   double seconds = 0;   // training time; 0: the run has no budget
   double measured = 0;  // part of it that was used for measuring the costs
@@ -85,8 +89,9 @@ class BudgetPace {
   // far, and `swept` the part of it that was spent on camera sweeps.
   void begin(const WorkShare& work, int iteration, double seconds, double swept);
   // Adds the next point to `settings`, and sets their number of iterations to the number that now fits into
-  // the budget. Must be called before the first iteration, and after the iteration of the last point.
-  void advance(TrainSettings& settings, int iteration, double seconds, double swept);
+  // the budget. Must be called before the first iteration, and after the iteration of the last point. The
+  // speed changes by half at most, unless the budget is new (`any_change`).
+  void advance(TrainSettings& settings, int iteration, double seconds, double swept, bool any_change = false);
   // Returns the present estimate of the training time after this iteration, in seconds.
   double seconds_left(const WorkShare& work, int iteration) const;
   // Returns whether a run with the present number of iterations can have more than `splats` splats.
@@ -96,7 +101,7 @@ class BudgetPace {
   void measure(const WorkShare& work, int iteration, double seconds, double swept);
   double slowness_of_rest(double share) const;
   double sweeps_left(double share) const;
-  double iterations_per_share(const WorkShare& work, int iteration, double seconds) const;
+  double iterations_per_share(const WorkShare& work, int iteration, double seconds, bool any_change) const;
 
   TimeBudget budget_;
   WorkTime time_;

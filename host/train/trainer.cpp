@@ -338,7 +338,9 @@ void Trainer::keep_to(const TimeBudget& budget) {
   const bool begins = progress_.iteration == 0 && settings().work_shares.empty();
   if (begins) progress_.seconds = budget.measured;
   pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
-  if (begins) set_pace();
+  // A run that was resumed with another budget begins at the last point. Otherwise that point is in the
+  // future, because a state is saved after the next point has been set.
+  if (begins || at_point()) set_pace(true);
 }
 
 bool Trainer::at_point() const {
@@ -346,9 +348,9 @@ bool Trainer::at_point() const {
          progress_.iteration < settings().iterations;
 }
 
-void Trainer::set_pace() {
+void Trainer::set_pace(bool any_change) {
   TrainSettings changed = settings();
-  pace_->advance(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds());
+  pace_->advance(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds(), any_change);
   schedule_ = schedule_.with(std::move(changed));
 }
 

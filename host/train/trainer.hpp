@@ -160,7 +160,7 @@ class Trainer {
   void loss_not_finite(std::uint64_t draw);
   void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;  // whether the time budget must set the next point now
-  void set_pace();
+  void set_pace(bool any_change = false);  // see BudgetPace::advance()
 
   const TimeSource& time_;
   Communicator& ranks_;

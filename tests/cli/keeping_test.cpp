@@ -173,7 +173,15 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   check_error(folder, "train bad --out x --cap-max none", 2, "cap_max");
   check_error(folder, "train --data data --out x --budget 9s --iterations 100", 2,
               "remove --budget or --iterations");
-  check_error(folder, "train --resume run --budget 9s", 2, "--budget");
+  check_error(folder, "train --resume own --budget 9s", 2, "--budget +9s");
+  check_error(folder, "train --resume own --budget +soon", 2, "90s");
+  // The interrupted run is completed soon, with its complete schedule, and its settings repeat it.
+  const int so_far = json::parse(get(folder / "own/metrics.json"))["iterations"].get<int>();
+  const Result completed = ubs_ok(folder, "train --resume own --budget +1s");
+  const std::string shares = get(folder / "own/config.yaml");
+  CHECK_THAT(shares, Contains(fmt::format("{}:0.", so_far)) && Contains(":1'"));
+  CHECK_THAT(completed.out, Contains("finished after"));
+  CHECK_FALSE(fs::exists(folder / "own/checkpoint.ubs"));
   check_error(folder, "train --data data --out x --pyramid 2:0.5,4:0.7", 2, "falling factors");
 }
 

@@ -215,12 +215,16 @@ struct Kept {
 };
 Trained train_in_time(Device& device, const test::Data& data, TrainSettings settings,
                       const std::function<double(int)>& seconds_of, const Kept* from = nullptr,
-                      Kept* keep_at_80 = nullptr) {
+                      Kept* keep_at_80 = nullptr, double budget_seconds = 0) {
   test::SimulatedTime time;
   const SplatModel first = test::start(settings);
   TimeBudget budget = small_budget();
   budget.first_iterations = settings.iterations;
   if (from) settings = from->settings;
+  if (budget_seconds > 0) {
+    budget.seconds = budget_seconds;
+    settings.work_shares = shares_until(settings, from->state.iteration);
+  }
   Trainer trainer(device, settings, data.train, test::kNone, first, alone(), time);
   if (from) trainer.restore(from->state);
   trainer.keep_to(budget);
@@ -274,6 +278,18 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
       CHECK(continued.seconds == Approx(30).margin(0.6));
       const std::string begun = kept.settings.work_shares;
       CHECK(continued.settings.work_shares.starts_with(begun));
+      // With less or more time for the rest. The schedule is complete, and the settings repeat the run.
+      for (const double more : {5.0, 40.0}) {
+        const double end = kept.state.seconds + more;
+        const Trained other = train_in_time(*device, data, settings, seconds_of, &kept, nullptr, end);
+        INFO(more << " s more: " << other.seconds << " s of " << end << ", " << other.settings.work_shares);
+        CHECK(other.seconds == Approx(end).margin(1));
+        CHECK(share_points(other.settings).back().share == 1);
+        Trainer repeated(*device, other.settings, data.train, test::kNone, test::start(settings));
+        repeated.restore(kept.state);
+        repeated.run([](const StepReport&) { return true; });
+        CHECK(test::same_bits(repeated.model().values, other.model.values));
+      }
     }
 }
 
