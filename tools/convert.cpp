@@ -423,7 +423,7 @@ Command add_convert(CLI::App& root) {
                                           "split to measure the quality on [test; with --distill train]")
                               ->type_name("NAME");
   app->add_option("--conditioning", options->conditioning,
-                  "convert a ubs model to this form of conditioning: direct or covariance (docs/method.md 9)")
+                  "convert a ubs model to this kind of conditioning: direct or covariance (docs/method.md 9)")
       ->check(CLI::IsMember({"direct", "covariance"}))
       ->type_name("FORM");
   app->add_option("--distill", options->distill,

@@ -230,7 +230,7 @@ def load_experiment(path):
     spec = {"published": {"source": "", "columns": []}, "sets": {}, **read_yaml(path, EXPERIMENT)}
     for i, entry in enumerate(spec["data"]):
         data, where = read_yaml(path.parent / entry["set"], DATA_SET), f"{path}: data[{i}]"
-        need(data["name"] not in spec["sets"], where, f"data set '{data['name']}' is there already")
+        need(data["name"] not in spec["sets"], where, f"data set '{data['name']}' appears twice")
         need(data["scenes"], where, f"data set '{data['name']}' has no scenes")
         chosen = entry.get("scenes", data["scenes"])
         for scene in chosen:
@@ -238,7 +238,7 @@ def load_experiment(path):
         data["scenes"] = {scene: about for scene, about in data["scenes"].items() if scene in chosen}
         spec["sets"][data["name"]] = data | {"entry": entry}
     names, columns = [row["name"] for row in spec["rows"]], spec["published"]["columns"]
-    need(len(set(columns)) == len(columns), f"{path}: published: columns", "one is there twice")
+    need(len(set(columns)) == len(columns), f"{path}: published: columns", "a column appears twice")
     for i, row in enumerate(spec["rows"]):
         need(names.count(row["name"]) == 1, f"{path}: rows[{i}]", f"there are two rows '{row['name']}'")
         published, row["published"] = row.get("published", {}), {}
@@ -333,7 +333,7 @@ def make_plan(spec, options):
         if unknown := [name for name in given if name not in known]:
             raise Failure(USAGE, f"{option}: unknown name '{unknown[0]}'; there are: {', '.join(known)}")
     if not options.root.is_dir():
-        raise Failure(DATA, f"{options.root}: no such folder; --root names the one that holds the data sets")
+        raise Failure(DATA, f"{options.root}: no such folder: pass the folder of the data sets as --root")
     chosen = [place_of[name] for name in options.scenes] or places
     folders = {place_of[name]: options.root / path for name, path in options.scene_folder.items()}
     runs = [Run(row, data, scene) for row in spec["rows"] if row["name"] in (options.rows or rows)
@@ -404,7 +404,7 @@ def train(run, options):
                               *options.train_argument], log)
     interrupted = code == INTERRUPTED or (code < 0 and child.stopped)
     if interrupted and (checkpoint.exists() or not (folder / "metrics.json").exists()):
-        run.end("interrupted", f"what it had is in {folder}")
+        run.end("interrupted", f"its results so far are in {folder}")
     elif code == 0 or interrupted:  # after the last step, a signal has no effect
         write(job, to_json(record | {"ended": now()}))
         run.end("failed", f"{folder}/metrics.json: the training did not reach its last iteration", DATA)
@@ -605,7 +605,7 @@ def execute(spec, runs, options):
     results = tables + [run.folder / name for run in runs for name in ("job.json", "checkpoint.ubs", "model.ply")]
     found = [file for file in results if file.exists()]
     if found and not options.overwrite and not options.resume:
-        raise Failure(USAGE, f"{found[0]} exists: go on with --resume, replace results with --overwrite, or choose "
+        raise Failure(USAGE, f"{found[0]} exists: continue with --resume, replace results with --overwrite, or choose "
                       "another --out")
     if options.lpips_weights and not os.path.exists(options.lpips_weights):
         raise Failure(DATA, f"{options.lpips_weights}: no such file (--lpips-weights or UBS_LPIPS_WEIGHTS)")
@@ -699,7 +699,7 @@ def parse(arguments):
                     epilog="docs/experiments.md says more.", allow_abbrev=False)
     add, mode = parser.add_argument, parser.add_mutually_exclusive_group()
     add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
-    add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that holds the data sets")
+    add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that contains the data sets")
     add("--out", metavar="DIR", type=pathlib.Path, help="output: table.md, table.csv, table.json, runs/ [out/NAME]")
     add("--ubs", metavar="PATH", default=ubs, help="executable [build/ubs of this source tree, or in PATH]")
     add("--scenes", metavar="A,B", type=names, default=[], action="extend",
@@ -720,12 +720,12 @@ def parse(arguments):
     add("--quiet", action="store_true", help="no progress")
     add("--json", action="store_true", help="print table.json instead of table.md")
     add = mode.add_argument
-    add("--resume", action="store_true", help="keep finished runs of the same settings, go on with the interrupted one")
+    add("--resume", action="store_true", help="keep finished runs with these settings, continue the interrupted one")
     add("--overwrite", action="store_true", help="replace results of earlier runs")
     add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")
     add("--emit-tasks", action="store_true", help="only print a JSON line with a command for each run that is not "
         "finished, for job arrays")
-    add("--task", metavar="ID", help="of these commands: only this run, as with --resume, and no tables")
+    add("--task", metavar="ID", help="do only this run of --emit-tasks, as with --resume, without tables")
     options = parser.parse_args(arguments)
     if not 1 <= options.scale_down <= 64 or options.fps_views < 0:
         parser.error("--scale-down must be from 1 to 64, and --fps-views must not be negative")

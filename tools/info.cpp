@@ -294,7 +294,7 @@ int run(InfoOptions& options) {
     say("seen by   {} training cameras listed in the file\n", info["noted_cameras"].get<std::size_t>());
   for (const auto& comment : info["comments"])
     if (const auto text = comment.get<std::string>(); text.starts_with("ubs_drawn "))
-      say("drawn     with {}\n", text.substr(10));
+      say("rendering {}\n", text.substr(10));
     else if (!text.starts_with("ubs_"))
       say("comment   {}\n", text);
   return 0;

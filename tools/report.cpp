@@ -224,7 +224,7 @@ void draw_around(ReportRun& run, Device& device, int count) {
       saved_renders(run.record.renders(), static_cast<std::size_t>(count), run.record.remarks);
   run.views_from = saved.empty()
                        ? "no ground truth: views from around the model"
-                       : "pictures that the run saved at its end (renders/), without depth and alpha; and "
+                       : "images that the run saved at its end (renders/), without depth and alpha; and "
                          "views from around the model, without ground truth";
   saved.insert(saved.end(), std::make_move_iterator(run.drawings.views.begin()),
                std::make_move_iterator(run.drawings.views.end()));
@@ -364,7 +364,7 @@ Command add_report(CLI::App& root) {
   app->add_option("--views", options->views, "test views to show, evenly spaced [3]")
       ->check(from_to(1, 1000))
       ->type_name("N");
-  app->add_flag("--no-viewer", options->no_viewer, "leave out the interactive model at the top of the page");
+  app->add_flag("--no-viewer", options->no_viewer, "omit the interactive model at the top of the page");
   add_device_option(*app, options->device);
   add_overwrite_option(*app, options->overwrite);
   app->add_flag("--json", options->json, "print the numbers of the page as JSON");

@@ -63,7 +63,7 @@ std::string poster_of(const WebOptions& options, std::shared_ptr<Device> device,
     const bool cannot_draw = error.kind() == ErrorKind::device || error.kind() == ErrorKind::build ||
                              error.kind() == ErrorKind::memory || error.kind() == ErrorKind::faulty;
     if (!options.poster.empty() || !cannot_draw) throw;
-    if (!options.quiet) remark("ubs: the page has no still picture for its start: {}\n", error.what());
+    if (!options.quiet) remark("ubs: the page shows no preview image while it loads: {}\n", error.what());
     return {};
   }
 }

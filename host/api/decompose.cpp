@@ -63,8 +63,8 @@ bool has_beta(const MixedModel& model, BetaKind kind) {
 
 std::vector<float> beta_values(const MixedModel& model, BetaKind kind) {
   if (!has_beta(model, kind))
-    fail(ErrorKind::usage, "the model has no {} betas to decompose by (it has {}, form {})", to_string(kind),
-         to_string(model), to_string(model.variant()));
+    fail(ErrorKind::usage, "the model has no {} betas to decompose by (it has {}, variant {})",
+         to_string(kind), to_string(model), to_string(model.variant()));
   std::vector<float> values;
   values.reserve(model.count());
   for (const SplatModel& group : model.groups) append_values(values, group, kind);

@@ -20,7 +20,7 @@ struct ubs_renderer {
   std::optional<ubs::ModelSession> session;
   std::vector<std::byte> staging;              // for images that are copied to the caller
   std::optional<ubs::GroupBuffers> gradients;  // allocated at the first request for gradients
-  // Camera of the image on the device, if it can be differentiated as it is
+  // Camera of the image on the device, if this image can be differentiated without rendering it again
   std::optional<ubs_camera> kept;
   // Camera of the last gradient; empty if there is no valid gradient
   std::optional<ubs::Camera> differentiated;
@@ -52,8 +52,8 @@ void check_same_groups(const MixedModel& a, const MixedModel& b, bool same_count
     same = a.groups[g].dim == b.groups[g].dim && a.groups[g].variant == b.groups[g].variant &&
            (same_count ? a.groups[g].count == b.groups[g].count : a.groups[g].count >= b.groups[g].count);
   if (!same)
-    fail(ErrorKind::usage, "{} ({}, form {}) does not match the renderer ({}, form {})", what, to_string(b),
-         to_string(b.variant()), to_string(a), to_string(a.variant()));
+    fail(ErrorKind::usage, "{} ({}, variant {}) does not match the renderer ({}, variant {})", what,
+         to_string(b), to_string(b.variant()), to_string(a), to_string(a.variant()));
 }
 
 void check_finite(std::span<const float> values, const char* what) {
@@ -111,12 +111,12 @@ OwnFalloff falloff_from(const ubs_falloff& falloff, const MixedModel& model) {
                  &given(from.beta_slope, "falloff.beta_slope"), from.support};
   for (const std::string* text : {&own.log2, &own.r_slope, &own.beta_slope})
     if (text->empty() || text->find_first_of(" \t\r\n\"'\\") != std::string::npos)
-      fail(ErrorKind::usage, "falloff: '{}' must be an expression without blanks and quotes", *text);
+      fail(ErrorKind::usage, "falloff: '{}' must be an expression without blanks or quotes", *text);
   if (!(own.support > 0 && own.support <= 100))
     fail(ErrorKind::usage, "falloff.support = {} must be above 0 and at most 100", own.support);
   for (const SplatModel& group : model.groups)
     if (!group.variant.has_spatial_beta())
-      fail(ErrorKind::usage, "falloff: requires the kernel beta, and the model has the form {}",
+      fail(ErrorKind::usage, "falloff: requires the kernel beta, but the variant of the model is {}",
            to_string(group.variant));
   return own;
 }
@@ -264,7 +264,7 @@ ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* camera, c
     const std::span<const float> image(&given(target, "target"), 3 * pixels_of(view));
     const std::span<const std::uint8_t> counts(mask, mask ? pixels_of(view) : 0);
     if (!(lambda_dssim >= 0 && lambda_dssim <= 1))
-      fail(ErrorKind::usage, "lambda_dssim = {} must be 0 to 1", lambda_dssim);
+      fail(ErrorKind::usage, "lambda_dssim is {}, but must be between 0 and 1", lambda_dssim);
     if (mask && std::ranges::all_of(counts, [](std::uint8_t m) { return m == 0; }))
       fail(ErrorKind::usage, "the mask leaves no pixel to compare");
     if (gradient) need_gradients(r);
@@ -347,7 +347,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       case UBS_ARRAY_V_RGB:
         need_gradients(r);
         for (const std::int64_t side : {out.shape[0], out.shape[1]})
-          if (side < 1 || side > kMaxArraySide) fail(ErrorKind::usage, "array.shape: {} pixels", side);
+          if (side < 1 || side > kMaxArraySide)
+            fail(ErrorKind::usage, "array.shape: {} pixels are not supported", side);
         r.v_rgb_shape = {static_cast<int>(out.shape[1]), static_cast<int>(out.shape[0])};
         found = session.renderer().v_image(r.v_rgb_shape);
         break;

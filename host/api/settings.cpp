@@ -87,7 +87,7 @@ ubs_status ubs_settings_check(const ubs_settings* settings, ubs_use use) {
     for (const std::string& key : given(settings, "settings").values.chosen)
       if (!has_effect(key, use))
         fail(ErrorKind::usage, "{} has no effect on {}{}", key, kNames[use],
-             use == UBS_USE_RENDERER && is_form(key) ? ": the form is that of the model" : "");
+             use == UBS_USE_RENDERER && is_form(key) ? ": a renderer uses the variant of the model" : "");
   });
 }
 

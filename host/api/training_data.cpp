@@ -175,7 +175,7 @@ void choose_unit(Dataset& data, const Split& train, TrainSettings& settings) {
     settings.unit = free ? typical_depth(data, train) : 1;
     if (free) {
       data.report.notes.push_back(
-          fmt::format("a length of {:.4g} counts as 1 in training (--unit)", settings.unit));
+          fmt::format("the unit of training is a length of {:.4g} in the data (--unit)", settings.unit));
       if (settings.noise_lr == kAuto && !has_time(settings.dim)) settings.noise_lr = kNoiseOfDepth;
     }
   } else if (settings.unit != 1 && !free) {
@@ -269,7 +269,7 @@ void settle_training(const Split& train, Dataset& data, TrainSettings& settings,
     validate(settings);
     data.report.notes.push_back(fmt::format(
         "dim auto: N = {}, {}{}", choice.dim, choice.reason,
-        direct ? "; direct conditioning (for the published form: --conditioning covariance)" : ""));
+        direct ? "; direct conditioning (for the published variant: --conditioning covariance)" : ""));
   }
   settings.conditioning_auto = false;
   if (has_wide_images(train) && !settings.chosen.contains("opacity_reg")) {

@@ -58,7 +58,7 @@ std::string private_defect(const fs::path& folder) {
   if (::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) return reason(errno);
   struct stat status {};
   if (::lstat(folder.c_str(), &status) != 0) return reason(errno);
-  if (!S_ISDIR(status.st_mode)) return "is no folder";
+  if (!S_ISDIR(status.st_mode)) return "is not a folder";
   if (status.st_uid != ::geteuid() || (status.st_mode & 077) != 0) return "can be written by other users";
   return cache_defect(folder);
 }

@@ -20,18 +20,19 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMebibyte = std::uint64_t{1} << 20;
-// Memory that a driver needs in addition to what the process uses after listing the devices, without large
-// buffers. With PoCL 3.1 and LLVM 14 (x86-64, two cores) it is 206 MiB of private memory while kernels for
-// N = 7 are compiled (25 MiB if the kernels come from the cache), and 87 MiB of address space.
+// Memory that a driver allocates later, in addition to large buffers and to the memory that the process uses
+// once the devices are listed. With PoCL 3.1 and LLVM 14 (x86-64, two cores) it is 206 MiB of private memory
+// while kernels for N = 7 are compiled (25 MiB if the kernels come from the cache), and 87 MiB of address
+// space.
 constexpr std::uint64_t kDriverBytes = 240 * kMebibyte, kDriverAddresses = 128 * kMebibyte;
-// Address space for its libraries and threads: with 264 MiB of address space left PoCL lists no device, with
-// 314 MiB it does.
+// Address space that the driver needs for its libraries and threads. PoCL lists no device if 264 MiB of
+// address space are left, and lists its devices if 314 MiB are left.
 constexpr std::uint64_t kDriverLibraries = 320 * kMebibyte;
 
 // Returns the smallest limit of a group and the groups above it. A missing file, the word "max", and the
 // value that version 1 uses instead of it, 2^63 minus one page, mean that there is no limit. In a container,
-// the names of the groups may be those outside the container; the root that the container sees is then its
-// own group.
+// the names of the groups may be those outside of the container. In this case, the root of the hierarchy in
+// the container is the group of the container.
 std::uint64_t least_limit(const fs::path& hierarchy, fs::path group, const char* file) {
   std::uint64_t least = kNoMemoryLimit;
   for (;; group = group.parent_path()) {

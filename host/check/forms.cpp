@@ -61,7 +61,7 @@ std::size_t nearest_form(const Form& form) {
     if (all[i].dim == form.dim && (best == all.size() || agreeing(all[i], form) > agreeing(all[best], form)))
       best = i;
   if (best == all.size())
-    fail(ErrorKind::internal, "there is no form with N = {} that can be checked", form.dim);
+    fail(ErrorKind::internal, "there is no variant with N = {} that can be checked", form.dim);
   return best;
 }
 

@@ -167,12 +167,12 @@ Split load_blender_split(const fs::path& folder, const std::string& split, const
     const std::string file_name = fs::path(path).filename().string();
     const bool none = static_cast<std::size_t>(count) == images.size();
     if (split == "train")
-      fail(ErrorKind::data, "{}: {}: the first, {}; copy the images there or correct 'file_path'", path,
+      fail(ErrorKind::data, "{}: {}: for example, {}; copy the images there or correct 'file_path'", path,
            none ? fmt::format("none of the {} images exists", count)
                 : fmt::format("{} of {} images do not exist", count, images.size()),
            first);
     if (none) {
-      report->note_difference(fmt::format("no {} split: none of the {} images of {} exists: the first, {}",
+      report->note_difference(fmt::format("no {} split: none of the {} images of {} exists: for example, {}",
                                           split, count, file_name, first));
       return {split, {}};
     }

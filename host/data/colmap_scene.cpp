@@ -77,8 +77,8 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   const bool some = std::ranges::any_of(found, [](const fs::path& file) { return !file.empty(); });
   if (!some && (options.load_images || have_folder))
     fail(ErrorKind::data,
-         "{}: none of the {} images of the model exists: the first, {}; copy the images there, or pass their "
-         "folder with --images",
+         "{}: none of the {} images of the model exists: for example, {}; copy the images there, or pass "
+         "their folder with --images",
          folder.string(), names.size(), files.missing(base, names[0].name));
   const std::vector<fs::path> mask_files = files.find_masks(names);
 

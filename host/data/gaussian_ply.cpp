@@ -82,16 +82,16 @@ bool finer_than_float(PlyType type) {
   return type == PlyType::float64 || type == PlyType::int32 || type == PlyType::uint32;
 }
 
-// Columns that other methods add to those of 3DGS, and what is lost when they are ignored.
+// Columns that other methods add to those of 3DGS, and a message for files that contain them.
 struct KnownColumns {
   const char* one;
   const char* meaning;
 };
 constexpr KnownColumns kKnownColumns[] = {
-    {"motion_0", "these are splats of SpacetimeGaussians: their motion is left out, they stand still"},
+    {"motion_0", "these are splats of SpacetimeGaussians, whose motion is not supported: they do not move"},
     {"filter_3D",
-     "these are splats of Mip-Splatting: its 3D filter is left out; the file that its script "
-     "create_fused_ply.py writes holds it"},
+     "these are splats of Mip-Splatting, whose 3D filter is ignored: use the file that its script "
+     "create_fused_ply.py writes, which includes the filter"},
 };
 
 bool is_blank(char c) { return c == ' ' || c == ':' || c == '=' || c == '\t' || c == '\r'; }

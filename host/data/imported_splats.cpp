@@ -28,7 +28,7 @@ const char* fault(const ImportedSplats& s, std::size_t i) {
     return "scale not finite or out of range";
   float norm = 0;
   for (const float q : s.rotations[i]) norm += q * q;
-  if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is no quaternion";
+  if (!(norm > 1e-20f) || !std::isfinite(norm)) return "rotation is not a quaternion";
   if (std::isnan(s.opacity_logits[i])) return "opacity not finite";
   const auto tame = [i](const std::vector<float>& all, std::size_t n) {
     return std::ranges::all_of(std::span(all).subspan(i * n, n), [](float v) { return std::abs(v) < 1e6f; });

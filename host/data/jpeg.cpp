@@ -36,7 +36,7 @@ cv::Mat decode_jpeg(std::span<const std::byte> file, const std::string& name) {
       tjDecompressHeader3(decoder.get(), bytes, file.size(), &width, &height, &subsampling, &colours);
   // If a size was read, -1 means one of two things: a warning, which tjDecompress2 repeats, or a subsampling
   // that TurboJPEG has no name for but can decode.
-  if (width < 1) damaged(read == 0 ? "it holds no image" : tjGetErrorStr2(decoder.get()));
+  if (width < 1) damaged(read == 0 ? "it contains no image" : tjGetErrorStr2(decoder.get()));
   const std::size_t count = std::size_t(width) * std::size_t(height);
   if (count / kMaxJpegPixelsPerByte > file.size())
     damaged(fmt::format("{} x {} pixels in {} bytes", width, height, file.size()));

@@ -189,7 +189,7 @@ LoadedScene load_nerfstudio(const fs::path& path, const DatasetOptions& options)
   const bool some = std::ranges::any_of(images, [](const fs::path& image) { return !image.empty(); });
   if (options.load_images && !some)
     fail(ErrorKind::data,
-         "{}: none of the {} images exists: the first, {}; copy the images there or correct 'file_path'",
+         "{}: none of the {} images exists: for example, {}; copy the images there or correct 'file_path'",
          json_path.string(), frames.size(), files.missing(folder, image_of(frames[0])));
   LoadedScene scene;
   std::vector<NamedView> named;

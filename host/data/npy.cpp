@@ -137,7 +137,7 @@ void write_npy(const std::filesystem::path& path, std::span<const std::size_t> s
     extents += fmt::format("{}{}", extents.empty() ? "" : " ", extent) + ",";
   }
   if (count != values.size())
-    fail(ErrorKind::internal, "{}: shape ({}) does not hold {} values", path.string(), extents,
+    fail(ErrorKind::internal, "{}: shape ({}) does not match {} values", path.string(), extents,
          values.size());
   if (shape.size() > 1) extents.pop_back();  // Python writes (3,) but (2, 3)
   std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", extents);

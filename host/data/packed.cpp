@@ -169,7 +169,7 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
     const Block b{json.at("offset").get<std::uint64_t>(), json.at("size").get<std::uint64_t>(),
                   json.at("crc32").get<std::uint32_t>()};
     if (b.offset > blocks_bytes || b.size > blocks_bytes - b.offset)
-      throw std::runtime_error("the file is cut off: a block lies beyond its end");
+      throw std::runtime_error("the file is truncated: a block is beyond its end");
     used += b.size, end = std::max(end, b.offset + b.size);
     return b;
   };

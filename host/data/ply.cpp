@@ -169,7 +169,7 @@ std::string header_text(std::span<const SplatModel> groups, std::span<const std:
   }
   for (const std::string& comment : comments) {
     if (comment.starts_with(kSwitchPrefix))
-      fail(ErrorKind::internal, "PLY comment '{}' would be read as a switch of the model", comment);
+      fail(ErrorKind::internal, "PLY comment '{}' would be read as a setting of the model", comment);
     text += "comment " + encode_text(comment) + "\n";
   }
   for (const SplatModel& group : groups) {

@@ -264,7 +264,7 @@ constexpr OtherFile kOthers[] = {
      },
      [](const FileStart&) -> std::string { return "a web page: download the file itself"; }},
     {[](const FileStart& s) { return s.bytes.starts_with("\x89PNG") || s.bytes.starts_with("\xff\xd8\xff"); },
-     [](const FileStart&) -> std::string { return "a picture, no splats"; }},
+     [](const FileStart&) -> std::string { return "an image without splats"; }},
 };
 
 bool written(const SplatFormat& format) { return format.ours() || format.write; }
@@ -436,7 +436,7 @@ std::vector<std::string> format_remarks(const SplatFormat& format, const Importe
   if (format.holds == Holds::gaussians && splats.lobes > 0) remarks.push_back(kLobesLost);
   if (!format.keeps_antialiasing && splats.antialiased)
     remarks.push_back(
-        "draw it with antialiasing: the format cannot say that the splats were trained with it");
+        "render it with antialiasing: the splats were trained with it, but the format cannot store this");
   return remarks;
 }
 

@@ -17,7 +17,7 @@ using u16 = std::uint16_t;
 using u32 = std::uint32_t;
 using u64 = std::uint64_t;
 
-// Whether kernels take arguments of this type by value: numbers and the structs that host and kernels share.
+// True if kernels take arguments of this type by value: numbers and the structs that host and kernels share.
 // (CUDA sources are C++17, which has no concepts.)
 template <typename T>
 inline constexpr bool kKernelValue =

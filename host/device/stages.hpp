@@ -25,7 +25,7 @@ namespace ubs {
 
 enum class RasterKind { cpu, gpu };  // pixel blocks with explicit vectors | one work-item per pixel
 
-// A falloff of the user in place of (1 - r)^beta. Expressions of r and beta in the language of kernels/
+// A falloff of the user that replaces (1 - r)^beta. Expressions of r and beta in the language of kernels/
 // (vreal, V(0.5), ubs_log and so on), without blanks. They are evaluated for 0 < r < support.
 struct OwnFalloff {
   std::string log2;                 // log2 of the factor of the opacity
@@ -45,8 +45,7 @@ struct KernelConfig {
   ModelVariant variant = {};  // variant of the method; together with `dim` it determines the parameter rows
   std::optional<OwnFalloff> falloff = {};  // only with the kernel beta
   float alpha_min = 0;  // contributions with alpha <= alpha_min are skipped; 0: none are skipped
-  // Whether there is a backward pass. Without it there are no slots and masks, and training stages are
-  // rejected.
+  // Enables the backward pass. Without it there are no slots and masks, and training stages are rejected.
   bool backward = true;
   std::uint32_t frozen = 0;  // parameter groups that are not trained (host/scene/frozen_groups.hpp)
   MathMode math = MathMode::exact;

@@ -33,8 +33,8 @@ Json identity(const DeviceInfo& device) {
 
 // Returns why the file cannot be used, or an empty string if it can.
 std::string defect(const Json& json, const DeviceInfo& device) {
-  if (!json.is_object()) return "it is no JSON object";
-  if (json.value("format", Json()) != Json(kFormat)) return "its format is another";
+  if (!json.is_object()) return "it is not a JSON object";
+  if (json.value("format", Json()) != Json(kFormat)) return "it has a different format";
   const Json expected = identity(device);
   for (const auto& [key, value] : expected.items())
     if (json.value(key, Json()) != value) return fmt::format("it was written for another {}", key);

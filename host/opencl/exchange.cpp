@@ -32,7 +32,7 @@ Options exchange_options(const OpenclDevice& device, Exchange kind) {
 std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group) {
   if (kind != Exchange::khr) return "";  // these devices have waves of 32 or 64
   const std::size_t size = kernel.sub_group_size(group);
-  if (size == 0) return "the driver does not tell the size of sub-groups";
+  if (size == 0) return "the driver does not report the size of sub-groups";
   return size % kRow == 0
              ? ""
              : fmt::format("the number of work-items of a sub-group is {}, which is not a multiple of {}",

@@ -99,7 +99,7 @@ class Kernel {
   KernelHandle kernel_;
 };
 
-// Whether an argument has the type that a kernel declares (host/opencl/kernels.hpp).
+// True if an argument has the type that a kernel declares (host/opencl/kernels.hpp).
 template <typename Parameter, typename Argument>
 inline constexpr bool fits = std::is_same_v<Parameter, Argument>;
 template <typename T>

@@ -94,7 +94,7 @@ Exchange Raster::exchange() {
   std::string fault;
   if (kind == Exchange::none) {
     if (device_.info().type == DeviceType::cpu) return *exchange_;  // there local memory is no slower
-    fault = "its driver has no exchange of values between work-items (cl_khr_subgroup_shuffle)";
+    fault = "its driver does not support exchanging values between work-items (cl_khr_subgroup_shuffle)";
   } else {
     try {
       const ProgramSpec spec = device_.tuned(view_program(device_, config_, kind));

@@ -92,7 +92,7 @@ void depth_to_records(Device& device, Renderer& renderer, std::span<const float>
   renderer.backward_to_records();
 }
 
-// Moves the gradient that the depth pass has left in the red channel to the depth, and adds `before`, which
+// Moves the gradient that the depth pass has stored in the red channel to the depth, and adds `before`, which
 // is the gradient of the projected splats from colours and alpha.
 void join(Device& device, BufferView<float> v_records, const std::vector<float>& before) {
   std::vector<float> values = read_values(device, v_records, v_records.size);

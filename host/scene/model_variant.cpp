@@ -79,7 +79,8 @@ void set_switch(ModelVariant& variant, std::string_view key, std::string_view va
     fail(ErrorKind::data, "{}: '{}' is not a value of {}: expected one of {}", origin, value, key,
          kVariantSwitches[i].values);
   }
-  fail(ErrorKind::data, "{}: unknown switch '{}' (known: {}): the file may come from a newer version", origin,
+  fail(ErrorKind::data,
+       "{}: unknown setting '{}' of the variant (known: {}): the file may come from a newer version", origin,
        key, known_keys());
 }
 

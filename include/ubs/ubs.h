@@ -149,8 +149,9 @@ typedef enum ubs_use {
   UBS_USE_TRAINER = 3   /* ubs_trainer_create, ubs_model_create_initial */
 } ubs_use;
 
-/* Returns UBS_ERROR_USAGE if a setting that was set or loaded has no effect on what is created. The functions
- * that create it ignore such settings, so that one ubs_settings serves for all of them. */
+/* Returns UBS_ERROR_USAGE if a setting that was set or loaded has no effect on an object of this kind. The
+ * functions that create objects ignore such settings, so that the same ubs_settings can be passed to all of
+ * them. */
 UBS_API ubs_status ubs_settings_check(const ubs_settings* settings, ubs_use use);
 
 /* ---- Data: views with cameras and images, in the splits "train", "test" and "val" ---- */
@@ -264,9 +265,10 @@ UBS_API ubs_status ubs_model_get_settings(const ubs_model* model, ubs_settings**
 /* ---- Renderers: a model on a device ---- */
 
 /* Flags. With UBS_RENDER_ABSGRAD, each pixel counts by the absolute value of its contribution to the gradient
- * with respect to the position of a splat in the image, for x and y separately. These sums take the place of
- * that gradient in what ubs_renderer_vjp and ubs_renderer_loss compute for the positions of splats; there is
- * no gradient with respect to the camera. They are a criterion for densification (AbsGS, Ye et al. 2024).
+ * with respect to the position of a splat in the image, for x and y separately. ubs_renderer_vjp and
+ * ubs_renderer_loss then compute the gradients of the positions of splats from these sums instead of the
+ * gradient, and compute no gradient with respect to the camera. The sums are a criterion for densification
+ * (AbsGS, Ye et al. 2024).
  * Requires UBS_RENDER_GRADIENTS. */
 enum { UBS_RENDER_DEPTH = 1, UBS_RENDER_GRADIENTS = 2, UBS_RENDER_ABSGRAD = 4 };
 
@@ -287,7 +289,7 @@ typedef struct ubs_image_gradient {
   const float* depth; /* (height, width); NULL: 0. Requires UBS_RENDER_DEPTH; no effect where alpha < 1e-6 */
 } ubs_image_gradient;
 
-/* Gradient with respect to a camera, for changes that keep its rotation a rotation. */
+/* Gradient with respect to a camera, for changes after which its rotation is still a rotation. */
 typedef struct ubs_camera_gradient {
   size_t size;
   double pose[6]; /* for motions in the camera's frame: rotations about its axes [1/rad], then translations
@@ -305,15 +307,15 @@ typedef struct ubs_loss {
 
 /* Copies the model to the device. `settings`: NULL: those of ubs_model_get_settings. `flags`: what will be
  * requested from the renderer. Gradients are those of the rendered image, including the path through the view
- * direction to the positions, which training leaves out as published. Set "query_grad" to "false" to leave it
- * out here too. */
+ * direction to the positions. Training ignores this path, as published. To ignore it here too, set
+ * "query_grad" to "false". */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
-/* A falloff of splats in place of (1 - r)^beta: the opacity is multiplied by 2^log2 where r < support. The
+/* A falloff of splats that replaces (1 - r)^beta: the opacity is multiplied by 2^log2 where r < support. The
  * texts are expressions of r, the squared distance from the centre in units of the ellipse, and of the
  * splat's beta, in OpenCL C and CUDA C++ as in kernels/math, without blanks. Both are a vreal, and V(0.5) is a
  * number; operators are + - * / ?: and functions ubs_exp2, ubs_log, ubs_log2_1m (log2(1 - x)), ubs_sqrt,
- * ubs_sin and ubs_cos. The library compiles the texts for the device as they are. */
+ * ubs_sin and ubs_cos. The library compiles the texts unchanged for the device. */
 typedef struct ubs_falloff {
   size_t size;
   const char* log2;
@@ -352,8 +354,7 @@ UBS_API ubs_status ubs_renderer_loss(ubs_renderer* renderer, const ubs_camera* c
 
 /* Returns the gradient with respect to the camera that belongs to the last call of ubs_renderer_vjp or
  * ubs_renderer_loss with gradients. It includes the effect of the view direction on the splats, whatever
- * "query_grad" is. Returns UBS_ERROR_USAGE if the
- * background is a sky of harmonics. */
+ * "query_grad" is. Returns UBS_ERROR_USAGE if the background is a sky of harmonics. */
 UBS_API ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradient* gradient);
 
 /* Arrays of a renderer in the memory of its device, for programs that compute on the same device. Available

@@ -36,9 +36,9 @@ typedef struct {
 #endif
 } BackwardShared;
 
-// Where one of the ten sums is stored in BackwardShared::sums, for all splats of the turn and all blocks. Sums 0 to 3
-// are stored first, in words of four floats, then sums 4 to 7, then sums 8 and 9 in words of two floats. The sum for a
-// splat and a block is float number first + place * step, where place is splat * kPlaces + block.
+// Describes where one of the ten sums is stored in BackwardShared::sums, for all splats of the turn and all blocks.
+// Sums 0 to 3 are stored first, in words of four floats, then sums 4 to 7, then sums 8 and 9 in words of two floats.
+// The sum for a splat and a block is float number first + place * step, where place is splat * kPlaces + block.
 typedef struct {
   int first, step;
 } SumPlace;

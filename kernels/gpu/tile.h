@@ -38,7 +38,7 @@ UBS_FN TilePixel tile_pixel(int tile, int item, int tiles_x, int tiles_y, int wi
   return p;
 }
 
-// The part of a record that blending reads, in words of 16 and 8 bytes, and the values that are read only once.
+// The values of a splat's record. Blending uses those in the first two lines, which are vectors of 16 and 8 bytes.
 typedef struct {
   float4 place, shape;  // x, y, L00, L01; L11, opacity, beta, r
   float2 colour;        // g, b
@@ -71,10 +71,11 @@ UBS_FN BlendSplat blend_splat(float4 place, float4 shape, float2 colour) {
   return s;
 }
 
-// Transposes the blocks of splats to words of blocks. The k-th work-item passes the `blocks` of splat k: bit b is set
-// if the splat reaches block b. In the result, bit k of hits[block * words + word] belongs to splat word * 32 + k.
-// There are 32 * words splats. All work-items must call this function, and a barrier must follow. all: the `blocks` of
-// all splats, aligned to 16 bytes; they are only read without ballot, and then require a barrier before the call.
+// Transposes a matrix of bits. Its rows are splats and its columns are blocks. The k-th work-item passes the `blocks`
+// of splat k: bit b is set if the splat reaches block b. In the result, bit k of hits[block * words + word] belongs to
+// splat word * 32 + k. There are 32 * words splats. All work-items must call this function, and a barrier must follow.
+// all: the `blocks` of all splats, aligned to 16 bytes; they are only read without ballot, and then require a barrier
+// before the call.
 UBS_FN void turn_blocks(uint blocks, UBS_LOCAL const uint* all, int words, UBS_LOCAL uint* hits, int item) {
 #if UBS_BALLOT
   (void)all;

@@ -21,7 +21,7 @@ typedef struct {
 
 typedef struct {
   Vec3 value;       // not negative
-  // Whether the sum of 1/2 and the harmonics is > 0. A negative sum is replaced by 0 before the lobes are added.
+  // True if the sum of 1/2 and the harmonics is > 0. A negative sum is replaced by 0 before the lobes are added.
   vmask lit[3];
   ShBasis basis;
 } SplatColour;

@@ -63,7 +63,7 @@ def test_what_c_would_read_otherwise_is_refused(data: ubs.Dataset, model: ubs.Mo
 def test_what_would_have_no_effect_is_refused(data: ubs.Dataset, model: ubs.Model, folder: Path) -> None:
     for call, what in (
         (lambda: ubs.Renderer(model, iterations=5), "iterations has no effect on a renderer"),
-        (lambda: ubs.Renderer(model, kernel="gaussian"), "kernel has no effect on a renderer: the form is that of the"),
+        (lambda: ubs.Renderer(model, kernel="gaussian"), "kernel has no effect on a renderer: a renderer uses"),
         (lambda: ubs.Renderer(model, dim=3), "dim has no effect on a renderer"),
         (lambda: ubs.Renderer(model, downscale=2), "downscale has no effect on a renderer"),
         (lambda: ubs.Model.empty(6, 5, lr_xyz=0.1), "lr_xyz has no effect on a new model"),

@@ -236,7 +236,7 @@ def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
     white = ubs.torch.render({name: tensor.detach()[:0] for name, tensor in tensors.items()}, camera, dim=7,
                              conditioning="direct", background="white")  # a text, as in the settings
     assert torch.equal(white[0], torch.ones(40, 40, 3)) and not white[1].any()
-    with pytest.raises(ubs.UsageError, match="this form has xyz, rgb"):
+    with pytest.raises(ubs.UsageError, match="this variant has xyz, rgb"):
         ubs.torch.render({"xyz": tensors["xyz"]}, camera, dim=3)
     with pytest.raises(ubs.UsageError, match="iterations has no effect"):
         ubs.torch.render(tensors, camera, dim=7, iterations=3)

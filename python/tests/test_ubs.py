@@ -314,10 +314,10 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
 
 def test_handles_of_the_wrong_kind_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
     anything: Any = model
-    with pytest.raises(ctypes.ArgumentError, match="Model in the place of a handle of kind 'data'"):
+    with pytest.raises(ctypes.ArgumentError, match="expected a handle of kind 'data', not Model"):
         ubs.train(anything)
     anything = data
-    with pytest.raises(ctypes.ArgumentError, match="Dataset in the place of a handle of kind 'model'"):
+    with pytest.raises(ctypes.ArgumentError, match="expected a handle of kind 'model', not Dataset"):
         ubs.Renderer(model).update(anything)
     anything = None
     with pytest.raises(ubs.UsageError, match="data is NULL"):

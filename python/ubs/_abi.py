@@ -203,7 +203,7 @@ def _of(kind: str) -> Any:
 
     def from_param(value: Any) -> Any:
         if value is not None and not (isinstance(value, Handle) and value._kind == kind):
-            raise TypeError(f"{type(value).__name__} in the place of a handle of kind '{kind}'")
+            raise TypeError(f"expected a handle of kind '{kind}', not {type(value).__name__}")
         return None if value is None else value._as_parameter_
 
     return type(kind, (), {"from_param": staticmethod(from_param)})

@@ -23,8 +23,8 @@ class Drawing:
         self.device, self.depth, self.settings = opened(device), depth, settings or {}
         self.names = list(self.model.parameters)
         self.lock = threading.RLock()  # several calls set values and render, possibly from different threads
-        # What the last image was rendered for, while the device has what its gradient needs: an object of ubs.torch, or
-        # the camera of draw().
+        # The object of ubs.torch, or the camera of draw(), that the last image was rendered for. None if the device
+        # no longer has the data from which the gradient of this image is computed.
         self.kept: object = None
         self._make()
 

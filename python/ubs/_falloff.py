@@ -185,7 +185,7 @@ def _mentions(node: Node, name: str) -> bool:
 
 
 class Falloff:
-    """How the opacity of a splat falls off with the distance from its centre, in place of (1 - r)^beta.
+    """Describes how the opacity of a splat decreases with the distance from its centre, instead of (1 - r)^beta.
 
     `log2` is an expression of r, the squared distance in units of the ellipse, d^T cov^-1 d, and of the splat's beta.
     At r the opacity is multiplied by 2^log2. An expression without beta is multiplied by beta, so "log2_1m(r * r)" gives
@@ -325,4 +325,4 @@ def _again(log2: str, slope: str | None, support: float) -> Falloff:
 def as_falloff(given: Falloff | str) -> Falloff:
     if isinstance(given, (Falloff, str)):
         return Falloff(given) if isinstance(given, str) else given
-    raise UsageError(f"falloff is of {type(given).__name__}: pass ubs.Falloff or a text")
+    raise UsageError(f"falloff has the type {type(given).__name__}: pass ubs.Falloff or a text")

@@ -38,7 +38,7 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class CameraGradient:
-    """Gradient with respect to a camera, for changes that keep its rotation a rotation."""
+    """Gradient with respect to a camera, for changes after which its rotation is still a rotation."""
 
     pose: npt.NDArray[np.float64]
     """(6,), for motions in the camera's frame: rotations w about its axes [1/rad], then translations u along them,
@@ -166,7 +166,7 @@ class Model(_abi.Handle):
         values written to them are rendered. If the model has splats of different dimensions, use groups."""
         groups = self.groups
         if len(groups) > 1:
-            raise UsageError(f"the model has splats of {len(groups)} dimensions: use groups")
+            raise UsageError(f"the model has splats of {len(groups)} different dimensions: use groups")
         return groups[0]
 
     @property
@@ -256,12 +256,13 @@ def _model_of(file: bytes) -> Model:
 
 
 class Renderer(_abi.Handle):
-    """A model on a device. `settings` are those for rendering, such as background; the others are those that the model
-    states. With `gradients` they include the path through the view direction to the positions of splats; the setting
-    query_grad=False leaves it out, as training does and publications do. `absgrad`: vjp() uses the absolute value of
-    what each pixel contributes to the gradient of a splat's position in the image, for x and y separately, which is a
-    criterion for densification; requires `gradients`. `falloff`: how the opacity of splats falls off from their centre,
-    in place of the kernel beta; a text is that of ubs.Falloff. Model files do not record it."""
+    """A model on a device. `settings` are settings for rendering, such as background. The values of the others are
+    those stored in the model. `gradients`: the renderer can compute gradients. They include the path through the view
+    direction to the positions of splats. Training and publications ignore this path; the setting query_grad=False
+    ignores it here, too. `absgrad`: vjp() uses the absolute value of each pixel's contribution to the gradient of a
+    splat's position in the image, for x and y separately, which is a criterion for densification; requires `gradients`.
+    `falloff`: replaces the kernel beta by another function that describes how the opacity of splats decreases with the
+    distance from their centre: a ubs.Falloff, or its text. Model files do not record it."""
 
     def __init__(
         self,
@@ -321,8 +322,8 @@ class Renderer(_abi.Handle):
     def _take_size(self, height: int, width: int) -> None:
         if self._lends_other(height, width):
             raise UsageError(
-                f"an array of a picture of another size is in use, and its memory would go: copy and delete it before "
-                f"{width}x{height} pixels are drawn, or use another renderer"
+                f"an array of an image of another size is still in use, and rendering {width}x{height} pixels would "
+                f"free its memory: copy the array and delete it first, or use another renderer"
             )
 
     def render(self, camera: Camera, time: float | None = None, *, for_gradient: bool = False) -> Image:
@@ -382,7 +383,7 @@ class Renderer(_abi.Handle):
         if name not in _abi.ARRAYS:
             raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
-            raise UsageError(f"size {size}: whole numbers below 2^31")
+            raise UsageError(f"size {size} is not supported: pass two whole numbers below 2^31")
         array = _abi.Array()
         array.shape[:2] = size
         with self._lock:
@@ -494,7 +495,9 @@ def _copied(gradient: Model) -> list[dict[str, FloatArray]]:
 
 def _only(groups: list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
     if len(groups) > 1:
-        raise UsageError(f"the model has splats of {len(groups)} dimensions: use Renderer.vjp() or Renderer.loss()")
+        raise UsageError(
+            f"the model has splats of {len(groups)} different dimensions: use Renderer.vjp() or Renderer.loss()"
+        )
     return groups[0]
 
 
@@ -510,8 +513,9 @@ def vjp(
     """Vector-Jacobian product of rendering. Converts the gradient of a scalar with respect to the pixels, v_rgb (H, W,
     3), v_alpha (H, W) and v_depth (H, W), to its gradient with respect to every raw parameter, with the names and
     shapes of model.parameters. The gradient is that of the rendered image: it includes the path through the view
-    direction, which training leaves out as published; Renderer(model, gradients=True, query_grad=False).vjp() does so
-    too. Renderer.camera_gradient() returns the gradient with respect to the camera."""
+    direction. Training ignores this path, as published, and so does
+    Renderer(model, gradients=True, query_grad=False).vjp(). Renderer.camera_gradient() returns the gradient with
+    respect to the camera."""
     renderer = model.renderer(device, depth=v_depth is not None, gradients=True)
     return _only(renderer.vjp(camera, v_rgb, v_alpha, v_depth))
 

@@ -261,7 +261,7 @@ class SparseGradient(torch.autograd.Function):
 
 
 class AbsGrad:
-    """Where backward() stores the sums over pixels of the absolute gradients of means2d: in its attribute `absgrad`."""
+    """Holds the sums over pixels of the absolute gradients of means2d, which backward() stores as `absgrad`."""
 
     def __init__(self, means2d: Tensor, first: int, chunk: int, background: Tensor | None) -> None:
         """The sums of an image begin at row `first` of means2d (..., 2). Each chunk of channels has sums of its own,

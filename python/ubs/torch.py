@@ -42,7 +42,7 @@ Result = TypeVar("Result")
 
 def _checked(tensor: Tensor) -> Tensor:
     if tensor.dtype != torch.float32:
-        raise UsageError(f"a parameter is of {tensor.dtype}: ubs.torch takes float32")
+        raise UsageError(f"a parameter has the type {tensor.dtype}: ubs.torch requires float32")
     return tensor.detach()
 
 
@@ -303,7 +303,7 @@ def render(
         while len(_kept) > _KEPT:
             _kept.pop(next(iter(_kept)))
     if set(given) != set(drawing.names):
-        raise UsageError(f"the parameters are {', '.join(given)}: this form has {', '.join(drawing.names)}")
+        raise UsageError(f"the parameters are {', '.join(given)}, but this variant has {', '.join(drawing.names)}")
     tensors = [given[name] for name in drawing.names]
     if tensors[0].shape[:1] != (0,):
         pictures: tuple[Tensor, ...] = _Render.apply(

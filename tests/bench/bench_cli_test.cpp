@@ -114,7 +114,7 @@ TEST_CASE("bench: several devices, a model with its data") {
   CHECK(two.out.find("[1]") != std::string::npos);
 }
 
-TEST_CASE("bench: data of another layout, models of another form") {
+TEST_CASE("bench: data of other layouts and models of other variants are measured") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 2);
   ubs_ok(folder, "pack data --out d.ubsd");

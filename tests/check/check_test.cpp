@@ -179,7 +179,7 @@ TEST_CASE("first use: a broken device is skipped if ubs chose it, and rejected i
   check::Verdicts(devices[0], build).forget();
 }
 
-// The cache folder may be shared, and then somebody else has written the file.
+// The cache folder may be shared, so another user may have written the file.
 TEST_CASE("verdicts: a file that another program wrote is read with the limits of all JSON, and replaced") {
   const TempFolder folder;
   DeviceInfo device;

@@ -250,7 +250,8 @@ TEST_CASE("cli: a missing training image is named before training") {
   synthesise(folder);
   fs::remove(folder / "data/train/r_003.png");
   for (const char* command : {"train --data data --out o", "info data"})
-    check_error(folder, command, 3, "1 of 8 images do not exist: the first, './train/r_003' is not there");
+    check_error(folder, command, 3,
+                "1 of 8 images do not exist: for example, './train/r_003' does not exist");
 }
 
 TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
@@ -485,7 +486,7 @@ TEST_CASE("cli: render and gradients need no images when the JSON has w and h") 
                               "eval --model run/model.ply --data data"}) {
     const Result result = run_ubs(folder, command);
     CHECK(result.code == 3);
-    CHECK(result.err.find("the first, './test/r_000' is not there") != std::string::npos);
+    CHECK(result.err.find("for example, './test/r_000' does not exist") != std::string::npos);
     CHECK(result.err.find("error: data: split 'test' has no views; available: train\n") != std::string::npos);
   }
 }

@@ -55,7 +55,7 @@ TEST_CASE("no library is searched for in the working folder") {
         std::string::npos);  // nor OpenCV's codecs by a command without pictures
 }
 
-TEST_CASE("without its module of OpenCV the program does what needs none, and says what is missing") {
+TEST_CASE("without the OpenCV module, commands that do not need it work, and others report what is missing") {
   const TempFolder folder;
   std::filesystem::copy(UBS_EXECUTABLE, folder / "ubs");
   ubs_ok(folder, "synth glossy --size 16 --views 2 --test-views 1 --supersampling 1 --out data");
@@ -227,7 +227,7 @@ TEST_CASE("a closed pipe ends a printing command without a message, but not a tr
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("closed standard streams: no opened file gets their descriptors") {
+TEST_CASE("closed standard streams: files that are opened do not get their descriptors") {
   const TempFolder folder;
   make_data(folder);
   for (const char* closed : {">&- 2>&-", ">&-", "2>&-", "<&- >&- 2>&-", "<&-"}) {
@@ -359,7 +359,7 @@ TEST_CASE("every long command ends soon after a signal, and leaves no half-writt
   }
 }
 
-TEST_CASE("subcommands print through say() and remark() alone") {
+TEST_CASE("subcommands only print with say() and remark()") {
   for (const auto& file : std::filesystem::recursive_directory_iterator(UBS_SOURCE_DIR "/tools")) {
     if (file.path().extension() != ".cpp") continue;
     INFO(file.path());

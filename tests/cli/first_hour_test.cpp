@@ -113,7 +113,7 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   INFO(besides.err);
   REQUIRE(besides.code == 0);
   CHECK(psnr(besides.out) == trained);
-  // A model without its run, different data in the place of those of the run, and no data.
+  // A model without its run, a run whose data were replaced by different data, and no data.
   fs::copy(folder / "sets/run/model.ply", folder / "alone.ply");
   check_error(folder, "eval alone.ply", 2, "no data folder given");
   fs::rename(folder / "sets/data", folder / "sets/elsewhere");
@@ -322,7 +322,7 @@ TEST_CASE("splats start where the images agree, and config.yaml reproduces this"
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out c --iterations 1 --init-points 70").out,
              Contains("begins   70 splats") && !Contains("initial points found"));
   CHECK_THAT(ubs_ok(folder, "train --help").out,
-             Contains("auto: points are placed by comparing the pictures"));
+             Contains("auto: triangulate points from the images"));
 }
 
 TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
@@ -339,7 +339,8 @@ TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
   CHECK(metrics["dim"] == 7);
   CHECK(metrics["kernel_seconds"].get<double>() > 0);
   CHECK(metrics["chosen"] == json::array({"dim", "unit", "conditioning", "background", "random_background"}));
-  CHECK_THAT(first.out, Contains("direct conditioning (for the published form: --conditioning covariance)"));
+  CHECK_THAT(first.out,
+             Contains("direct conditioning (for the published variant: --conditioning covariance)"));
   const auto conditioning = [&](const std::string& run) {
     return json::parse(get(folder / run / "metrics.json"))["settings"]["conditioning"].get<std::string>();
   };
@@ -487,7 +488,7 @@ TEST_CASE("help: groups, examples, and few options first") {
                        !Contains("Exit codes"));
   CHECK_THAT(all, Contains("--lr-rgb") && Contains("--lambda-dssim") && Contains("Exit codes: 0 success"));
   for (const std::string& page : {help, ubs_ok(folder, "plan --help").out})
-    CHECK_THAT(page, Contains("differs between the training views [auto]"));
+    CHECK_THAT(page, Contains("differ between the training views [auto]"));
   const std::string eval = ubs_ok(folder, "eval --help").out;
   CHECK(eval.find("REQUIRED", eval.find("Positionals:")) != std::string::npos);
   CHECK(eval.find("--model", eval.find("Options:")) == std::string::npos);

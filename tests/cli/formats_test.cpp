@@ -146,7 +146,7 @@ TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   CHECK_THAT(ubs_ok(folder, "--help").out, Contains("convert"));
 }
 
-TEST_CASE("cli: models are converted to another form of conditioning", "[cli]") {
+TEST_CASE("cli: models are converted to another kind of conditioning", "[cli]") {
   const TempFolder folder;
   write_gaussian_ply(folder / "g.ply", red_ball());
   write_splat_ply(folder / "u7.ply", faint_ball(7));
@@ -175,7 +175,7 @@ TEST_CASE("cli: stored cameras of a model with more than seven dimensions get ty
   CHECK(page.find("\"poster\":\"data:image/") != std::string::npos);
   // A machine that cannot draw still writes exact pages, without the still picture.
   const Result without = ubs_ok(folder, "web m.ply --exact --out plain.html --device nonesuch");
-  CHECK_THAT(without.err, Contains("the page has no still picture for its start: "));
+  CHECK_THAT(without.err, Contains("the page shows no preview image while it loads: "));
   CHECK(get(folder / "plain.html").find("\"poster\":\"\"") != std::string::npos);
 }
 
@@ -211,7 +211,7 @@ TEST_CASE("cli: convert distils time samples of a dynamic model from its own ren
              Contains("only apply when exporting a ubs model"));
 }
 
-TEST_CASE("cli: an export measures what it loses against the model itself", "[cli]") {
+TEST_CASE("cli: an export measures its loss of quality relative to the model", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);
   const std::string train =

@@ -58,7 +58,7 @@ std::set<std::string> files_of(const fs::path& folder) {
   return names;
 }
 
-TEST_CASE("cli: names of views only lead to files in the output folder, and each view has its own") {
+TEST_CASE("cli: names of views only lead to files in the output folder, and each view has its own file") {
   const TempFolder folder;
   const std::string absolute = (folder / "absolute").string();
   const std::vector<std::string> names{"../escaped", absolute,  "..",  "a/b", "A",

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plans, budgets, checkpoints and evaluations as a user of the executable meets them. What happens to a run
-// that is killed or interrupted is tested in resume_test.cpp.
+// Tests plans, budgets, checkpoints and evaluations with the executable. resume_test.cpp tests runs that are
+// killed or interrupted.
 #include <catch2/catch.hpp>
 #include <cstdlib>
 #include <filesystem>
@@ -29,8 +29,8 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// bash -m: otherwise background jobs have SIGINT ignored; what it says about missing terminals is not of
-// interest.
+// Uses bash -m, because otherwise background jobs ignore SIGINT. Discards its message about a missing
+// terminal.
 Result shell(const TempFolder& folder, const std::string& script) {
   const std::string path = folder.path().string();
   put(folder / "run.sh", fmt::format("cd '{0}'\nexec >'{0}/stdout.txt' 2>'{0}/stderr.txt'\nubs='{1}'\n{2}\n",
@@ -42,7 +42,7 @@ Result shell(const TempFolder& folder, const std::string& script) {
 
 void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 8, 2); }
 
-TEST_CASE("cli: views of wide images have no opacity penalty unless somebody chooses one") {
+TEST_CASE("cli: views of wide images have no opacity penalty unless the user sets one") {
   const TempFolder folder;
   json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", json::array()}};
   for (int i = 0; i < 3; ++i) {
@@ -59,9 +59,9 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless somebody cho
   const std::string train = "train --data data --quiet --dim 3 --init-points 50 --cap-max 100 --out ";
   ubs_ok(folder, train + "a --iterations 2");
   CHECK(penalty("a") == 0);
-  CHECK(ended_by(folder, train + "b --budget 1h", SIGINT, "b/log.csv") == 130);  // nobody waits for the hour
+  CHECK(ended_by(folder, train + "b --budget 1h", SIGINT, "b/log.csv") == 130);  // interrupted early
   CHECK(penalty("b") == 0);
-  // What was chosen stays when the run is continued.
+  // Settings that the user chose are kept when the run is resumed.
   const std::string start =
       "\"$ubs\" " + train + "c --iterations 1000000 --opacity-reg 0.01 --checkpoint-every 5";
   for (const std::string& command : {start, std::string("\"$ubs\" train --resume c --quiet")}) {
@@ -79,7 +79,7 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless somebody cho
 TEST_CASE("cli: a full disk does not end a run") {
   const TempFolder folder;
   synthesise(folder);
-  // Files above 2 MiB cannot be written: checkpoints of 8000 splats need 3.4, the model 1.1.
+  // Files larger than 2 MiB cannot be written. Checkpoints of 8000 splats need 3.4 MiB, the model 1.1 MiB.
   const Result result =
       shell(folder,
             "trap '' XFSZ; ulimit -f 2048; exec \"$ubs\" train --data data --out run --quiet "
@@ -102,7 +102,7 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
   for (const char* part : {"-DUBS_N=6", "raster_forward", "memory at the end", "intersections",
                            "1000 iterations at the measured"})
     CHECK(text.out.find(part) != std::string::npos);
-  CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt, stderr.txt: nothing was made
+  CHECK(test::file_count(folder.path()) == 3);  // data, stdout.txt and stderr.txt: the command made no files
   const json plan = json::parse(run_ubs(folder, "plan --json " + options).out);
   CHECK(plan["start"]["splats"] == 300);
   CHECK(plan["end"]["splats"] == 500);
@@ -128,8 +128,8 @@ TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
 
 TEST_CASE("cli: a budget becomes settings that repeat the run") {
   const TempFolder folder;
-  // The fewest iterations, 100, take an eighth of a second on two cores of an AMD EPYC, so that they fit into
-  // the budget on a slow machine too.
+  // The minimum of 100 iterations takes an eighth of a second on two cores of an AMD EPYC, so it fits into
+  // the budget even on a slow machine.
   put_scene(folder / "data", 64, 6, 2);
   const std::string of_time = "train --data data --cap-max 700 --dim 3 --budget ";
   const Result run = ubs_ok(folder, of_time + "20s --out run --eval-every 400 --checkpoint-every 300");
@@ -143,16 +143,16 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   CHECK(metrics["iterations"] == metrics["settings"]["iterations"]);
   CHECK(metrics["iterations"].get<int>() >= 100);
   CHECK(metrics["budget_seconds"] == 20);
-  // The same from its settings.
+  // A run with the recorded settings gives the same result.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
   CHECK(same);
-  // What is recorded belongs to the run's own number of iterations.
+  // The recorded settings are only valid with the run's own number of iterations.
   check_error(folder, "train --data data --out x --spec run/config.yaml --iterations 99999", 2,
               "belongs to a number of iterations");
   check_error(folder, "train --data data --out x --budget soon", 2, "90s");
   check_error(folder, "train --data data --out x --budget 1ms", 2, "90s");
-  // What is given stays, also where it is what nobody's setting would begin as.
+  // Settings that the user passes are kept, even if they equal the default.
   std::ofstream(folder / "own.yaml") << "growth: 1.02\n";
   const std::string own_settings = "--dim 3 --cap-max 300000 --set lr_xyz=1.6e-4 --spec own.yaml";
   CHECK(ended_by(folder, fmt::format("train data --out own --budget 1h {}", own_settings), SIGINT,
@@ -164,7 +164,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   CHECK(hopeless.code == 2);
   CHECK_THAT(hopeless.err, Contains("increase the budget"));
   CHECK_FALSE(fs::exists(folder / "x/model.ply"));
-  // What the command line alone shows to be wrong is said before the data are read, which would fail.
+  // Errors of the command line are reported before the data are read, which would fail here.
   put(folder / "bad/transforms.json", "no JSON");
   check_error(folder, "train bad --out x", 3, "bad/transforms.json");
   check_error(folder, "train bad --out x --device nonesuch", 4, "'nonesuch' matches no device");
@@ -197,7 +197,7 @@ TEST_CASE("cli: evaluations by iterations, by seconds of training, and at the en
     std::string line;
     int count = 0;
     while (std::getline(log, line)) count += line.find(",,") == std::string::npos;
-    return count - 1;  // without the names of the columns
+    return count - 1;  // without the header line
   };
   CHECK(evaluations("0") == 1);
   CHECK(evaluations("5") == 3);

@@ -322,7 +322,7 @@ TEST_CASE("report: runs with missing parts", "[cli]") {
   CHECK(counts(page)["lower half"] == 2);
 }
 
-TEST_CASE("report: different data in the place of those of the run are not its ground truth", "[cli]") {
+TEST_CASE("report: data that replaced those of the run are not used as its ground truth", "[cli]") {
   const TempFolder& folder = trained();
   const TempFolder there, here;
   test::put_scene(there / "data", 32, 4, 5);

@@ -117,7 +117,7 @@ TEST_CASE("cli: the checkpoint of another run is not continued in this one's fol
   }
   fs::remove(folder / "a/log.csv");
   check_error(folder, "train --resume a --quiet", 3,
-              "another run than config.yaml beside it (cannot resume with seed = 5");
+              "another run than config.yaml in the same folder (cannot resume with seed = 5");
   put(folder / "a/checkpoint.ubs", own);
   CHECK(run_ubs(folder, "train --resume a --quiet").code == 0);
   // Alone in a folder a checkpoint is all that a run needs.
@@ -127,7 +127,7 @@ TEST_CASE("cli: the checkpoint of another run is not continued in this one's fol
 }
 
 // Names of folders are bytes: this one is Latin-1, with a line break and an escape of ours in it.
-TEST_CASE("cli: a run on a data path that no text can hold is continued") {
+TEST_CASE("cli: a run on a data path that is not valid text is resumed") {
   const TempFolder folder;
   const std::string name = "caf\xe9 \\x41\n'q'", run = name + " run";
   put_scene(folder / name, 24, 6, 2);
@@ -141,7 +141,7 @@ TEST_CASE("cli: a run on a data path that no text can hold is continued") {
         (folder / name).string());
 }
 
-TEST_CASE("cli: what cannot be continued is one line") {
+TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
   const TempFolder folder;
   synthesise(folder);
   interrupt_run(folder, "run", SIGINT, "--refine-cameras pose");

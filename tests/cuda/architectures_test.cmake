@@ -42,7 +42,7 @@ foreach(expected "${by_default}" "${by_default}" 90 90)
   endif()
   include(${CMAKE_CURRENT_LIST_DIR}/../../cmake/CudaLanguage.cmake)
   if(NOT CMAKE_CUDA_ARCHITECTURES STREQUAL expected)
-    message(SEND_ERROR "CUDA for ${CMAKE_CUDA_ARCHITECTURES} in place of ${expected}")
+    message(SEND_ERROR "the CUDA architectures are ${CMAKE_CUDA_ARCHITECTURES}, but must be ${expected}")
   endif()
-  unset(CMAKE_CUDA_ARCHITECTURES)  # the variable, not what is in the cache
+  unset(CMAKE_CUDA_ARCHITECTURES)  # removes the variable, not the cache entry
 endforeach()

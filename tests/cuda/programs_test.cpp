@@ -155,7 +155,7 @@ TEST_CASE("compiled programs are stored, and compiled again if damaged", "[cuda]
   ::unsetenv("UBS_KERNEL_CACHE");
 }
 
-TEST_CASE("an NVRTC is selected whose code the driver can load", "[cuda]") {
+TEST_CASE("the selected NVRTC generates code that the driver can load", "[cuda]") {
   using Names = std::vector<std::string>;
   CHECK(cuda::toolkit_names("libnvrtc", "11.2", 12040) ==
         Names{"libnvrtc.so.12", "libnvrtc.so.11.2", "libnvrtc.so", "/usr/local/cuda/lib64/libnvrtc.so"});

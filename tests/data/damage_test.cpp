@@ -144,7 +144,8 @@ TEST_CASE("damage: a JPEG without an image, with 12 bits or of an unknown versio
   const auto refused = [](const std::string& bytes) {
     return message_of([&] { decode_jpeg(std::as_bytes(std::span(bytes)), "f.jpg"); });
   };
-  CHECK_THAT(refused(file.substr(0, frame)), Contains("f.jpg: damaged or truncated JPEG: it holds no image"));
+  CHECK_THAT(refused(file.substr(0, frame)),
+             Contains("f.jpg: damaged or truncated JPEG: it contains no image"));
   std::string deep = file;
   deep[frame + 4] = 12;
   CHECK_THAT(refused(deep), Contains("f.jpg: damaged or truncated JPEG: ") && Contains("12"));

@@ -150,7 +150,7 @@ TEST_CASE("names: a name that matches no file or several files is not guessed", 
     CHECK(deleted[layout].views == 1);
     CHECK_THAT(deleted[layout].notes, Contains("1 skipped: no such"));
   }
-  CHECK_THAT(deleted[1].error, Contains("1 of 2 images do not exist: the first, 'images/b.png'"));
+  CHECK_THAT(deleted[1].error, Contains("1 of 2 images do not exist: for example, 'images/b.png'"));
   // Neither files outside of the data folder nor links to them are used.
   const TempFolder folder;
   put_image(folder / "secret/a.png", 16, 12);
@@ -274,7 +274,7 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
          put_image(f / "images/a.png", 16, 12), put_image(f / "masks/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"});
        }},
-      {"points that are not there", "no points: 'ply_file_path' 'p.ply' is not there",
+      {"points that do not exist", "no points: 'ply_file_path' 'p.ply' does not exist",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");

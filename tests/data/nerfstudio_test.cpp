@@ -120,7 +120,7 @@ TEST_CASE("nerfstudio: distortion, lists of names, errors", "[nerfstudio]") {
              Contains("'VR180_L' is not known") && Contains("PERSPECTIVE") && Contains("EQUIRECTANGULAR"));
   CHECK_THAT(refusal(nerfstudio_json(kHead + R"("k4": 0.1, )")), Contains("'k4'"));
   CHECK_THAT(refusal(nerfstudio_json(kHead, R"(, "mask_path": "none.png")")),
-             Contains("frame 0: the mask 'none.png' is not there") && Contains("searched in"));
+             Contains("frame 0: the mask 'none.png' does not exist") && Contains("searched in"));
   CHECK_THAT(refusal("{"), Contains("transforms.json"));
 }
 

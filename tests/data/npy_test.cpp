@@ -97,5 +97,5 @@ TEST_CASE("npy: errors contain the reason", "[npy]") {
   const std::array<std::size_t, 1> shape{2};
   const std::array<float, 1> one{7};
   CHECK_THAT(message_of([&] { write_npy(folder / "w.npy", shape, one); }, ErrorKind::internal),
-             Contains("does not hold"));
+             Contains("does not match"));
 }

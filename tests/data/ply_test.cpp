@@ -118,7 +118,7 @@ TEST_CASE("ply: comments are written and read back", "[ply]") {
   const std::vector<std::string> switch_like{"ubs cov_mode whiten"};
   CHECK_THAT(message_of([&] { write_splat_ply(folder / "b.ply", numbered_model(6, 2), switch_like); },
                         ErrorKind::internal),
-             Contains("read as a switch"));
+             Contains("read as a setting"));
 }
 
 TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones between", "[ply]") {

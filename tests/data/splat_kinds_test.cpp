@@ -539,7 +539,7 @@ TEST_CASE("kinds: a file without any valid splat is an error", "[formats]") {
   for (const auto& read : {std::function<void()>([&] { read_foreign_splats(folder / "a.ply"); }),
                            std::function<void()>([&] { load_splat_model(folder / "a.ply"); })})
     CHECK_THAT(message_of(read),
-               Contains("none of its 12 splats can be rendered: rotation is no quaternion"));
+               Contains("none of its 12 splats can be rendered: rotation is not a quaternion"));
 }
 
 TEST_CASE("kinds: long names in notes are shortened", "[formats]") {

@@ -91,7 +91,7 @@ TEST_CASE("variants: unsupported records are rejected", "[variants][ply]") {
   };
   CHECK_THAT(refusal("comment ubs cov_mode sym\n"),
              Contains("'sym' is not a value of cov_mode: expected upper|whiten"));
-  CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown switch 'fog'"));
+  CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown setting 'fog'"));
   CHECK_THAT(refusal("comment ubs cov_mode\n"), Contains("is not 'ubs <key> <value>'"));
   CHECK_THAT(refusal("comment ubs cov_mode whiten\ncomment ubs cov_mode whiten\n"),
              Contains("a second time"));

@@ -362,7 +362,7 @@ std::vector<std::string> seed_packed() {
   return seeds;
 }
 
-// What a file is, and what messages call it. The first byte chooses the extension.
+// Tests how the type of a file is recognised, and how messages name it. The first byte chooses the extension.
 constexpr const char* kExtensions[] = {".ply", ".json", ".zip", ".spz", ".gltf", ".splat"};
 void run_file_kind(Data d) {
   if (d.empty()) return;

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Registers, stack and instructions of the OpenCL kernels on NVIDIA cards: clang's nvptx with libclc, then ptxas.
 
-NVIDIA's own OpenCL compiler is another one; what is common to both is what the sources demand. libclc has no native_*
-for these cards: they are the instructions that NVIDIA names for them."""
+NVIDIA's own OpenCL compiler is a different one, so these results only show how much the sources themselves require.
+libclc has no native_* functions for these GPUs. They are replaced by the instructions that NVIDIA documents for
+them."""
 
 import gate
 import sass

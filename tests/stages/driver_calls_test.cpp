@@ -46,10 +46,10 @@ struct Answers {
   cl_ulong device_local_bytes = 0,
            kernel_local_bytes = 0;  // local memory: of the device, and required by a kernel
   std::size_t sub_group_items = 0;
-  const char* extensions = nullptr;  // all of the device
+  const char* extensions = nullptr;  // replaces all extensions of the device
 };
 Answers answers;
-cl_ulong most_local_bytes = 0;  // of a launched kernel
+cl_ulong most_local_bytes = 0;  // maximum of the launched kernels
 
 template <typename T>
 bool answer(const T& value, std::size_t size, void* to) {
@@ -95,7 +95,7 @@ cl_int clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id device, cl_kernel
                                                                                 to, bytes);
 }
 
-// Of OpenCL 2.1; the headers for 1.2 do not declare it.
+// This function is part of OpenCL 2.1. The headers for OpenCL 1.2 do not declare it.
 cl_int clGetKernelSubGroupInfo(cl_kernel kernel, cl_device_id device, cl_uint what, std::size_t input_size,
                                const void* input, std::size_t size, void* to, std::size_t* bytes) {
   constexpr cl_uint kSizeForRange = 0x2033;  // CL_KERNEL_MAX_SUB_GROUP_SIZE_FOR_NDRANGE
@@ -114,7 +114,7 @@ cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint 
     return CL_INVALID_WORK_GROUP_SIZE;
   if (answers.kernel_local_bytes > 0) return CL_OUT_OF_RESOURCES;
   if (std::strcmp(name, "exchange_check") != 0)
-    calls.emplace_back(name);  // at first use, on cards with lane exchange
+    calls.emplace_back(name);  // called when a kernel is first used, on GPUs with lane exchange
   groups[name] = local ? local[0] * local[1] * local[2] : 0;
   cl_device_id device = nullptr;
   cl_ulong local_bytes = 0;
@@ -236,7 +236,7 @@ TEST_CASE("data that are written without waiting are in pinned memory", "[device
       writes.clear();
       device->copy_async(*to.view().memory, std::as_bytes(std::span(bytes).first(size)));
       small.upload(std::span<const std::uint8_t>(bytes).first(100));
-      std::ranges::fill(bytes, std::uint8_t{0});  // both returned: the source may change
+      std::ranges::fill(bytes, std::uint8_t{0});  // both writes have returned, so the source may change
       REQUIRE(writes.size() == 2);
       for (const Copy& write : writes)
         CHECK(std::ranges::any_of(pinned, [&](const Copy& block) {
@@ -462,7 +462,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
        "summed through local memory"},
       {khr(32), right, ""},
       {khr(8), right, "of a sub-group is 8, which is not a multiple of 16"},
-      {{.type = CL_DEVICE_TYPE_GPU, .extensions = ""}, right, "has no exchange of values"},
+      {{.type = CL_DEVICE_TYPE_GPU, .extensions = ""}, right, "does not support exchanging values"},
       {{.type = CL_DEVICE_TYPE_CPU, .extensions = ""}, right, ""},
   };
   const bool on_cpu = opencl::open_device(0)->info().type == DeviceType::cpu;
@@ -472,7 +472,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
     const OtherExchange exchange(c.text);
     const AnswersFor as(c.answers);
     DeviceInfo info = opencl::open_device(0)->info();
-    info.name = "Lanes";  // has warned of nothing before
+    info.name = "Lanes";  // a new name, because warnings are printed once per device
     info.subgroup_language = "CL3.0";
     const auto device = disguised(*opencl::open_device(0), info);
     const auto stages = ubs::make_stages(*device, {.dim = 3, .raster = RasterKind::gpu});
@@ -483,7 +483,7 @@ TEST_CASE("a lane exchange that does not work is replaced by local memory, with 
     INFO(said);
     CHECK(said.empty() == c.warning.empty());
     CHECK_THAT(said, Catch::Contains(c.warning));
-    if (info.type == DeviceType::cpu) {  // its functions are others
+    if (info.type == DeviceType::cpu) {  // CPUs use other functions, so rounding differs
       CHECK(test::relative_error(values, expected) < 2e-5);
       continue;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // source_folder() returns the folder of the project's sources, for tests that read or copy kernels. On a
 // machine that has only the executables, tools/gpu_check.sh sets UBS_TEST_SOURCE to the part of the sources
-// that cmake/Portable.cmake installs beside them.
+// that cmake/Portable.cmake installs next to them.
 #pragma once
 
 #include <cstdlib>

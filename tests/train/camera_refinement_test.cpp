@@ -51,7 +51,7 @@ void perturb(Split& split, double turn, double shift) {
   }
 }
 
-TEST_CASE("moves of a camera keep the pivot, and the gauge takes a similarity away", "[cameras]") {
+TEST_CASE("rotations of a camera keep the pivot, and hold_gauge() removes a common similarity", "[cameras]") {
   const Camera camera = oracle::ring_camera({.dim = 6}, 2);
   for (const Vec3& w : {Vec3{0.3, -0.2, 0.7}, Vec3{1e-8, 2e-8, 0}, Vec3{0, 3, 0}}) {
     const Vec3 back = turn_of(rotation_by(w));

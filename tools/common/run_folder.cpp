@@ -32,7 +32,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
-constexpr const char* kConfigHeader = "# Settings of this run; `ubs train --spec` of this file repeats it.\n";
+constexpr const char* kConfigHeader =
+    "# Settings of this run. `ubs train --spec` with this file repeats the run.\n";
 
 // Returns the first row of a log after its header; empty if there is no complete row.
 std::string first_row_of(const std::string& log) {
@@ -155,9 +156,8 @@ std::string RunFolder::first_row() const { return first_row_of(rows_); }
 void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
   const auto refuse = [&](const fs::path& file, const std::string& why) {
     fail(ErrorKind::data,
-         "{}: belongs to another run than {} beside it ({}): move it into the folder of its run, or delete "
-         "that "
-         "file",
+         "{}: belongs to another run than {} in the same folder ({}): move it into the folder of its run, or "
+         "delete that file",
          this->checkpoint().string(), file.filename().string(), why);
   };
   if (path_exists(log_file())) {

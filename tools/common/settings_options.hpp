@@ -16,8 +16,8 @@ namespace ubs::tools {
 
 // Help of --dim for commands in which the data determine N by default.
 inline constexpr const char* kAutoDimHelp =
-    "dimensions N of a splat: 3, 4 (+ time), 6 (+ view direction), 7 (+ both), more: query values; auto: "
-    "chosen from what differs between the training views [auto]";
+    "number of dimensions N of a splat: 3, 4 (with time), 6 (with view direction), 7 (with both), more with "
+    "further query values; auto: those that differ between the training views [auto]";
 
 class SettingsOptions {
  public:

@@ -52,7 +52,7 @@ void check_measured(const Configuration& c) {
       const bool of_kernels = part == &c.settings && std::ranges::count(kMeasured, key) > 0;
       if (!of_kernels && !variant_values(key))
         fail(ErrorKind::usage,
-             "--config: {} of '{}' has no effect here: pass a setting of the form of the method "
+             "--config: {} of '{}' has no effect here: pass a setting of the variant "
              "(docs/variants.md){}{}",
              key, c.label, part == &c.settings ? " or one of " : "",
              part == &c.settings ? fmt::format("{}", fmt::join(kMeasured, ", ")) : "");

@@ -112,7 +112,7 @@ int run(BenchOptions& options) {
   if (form != ModelVariant{} &&
       std::ranges::any_of(cases, [](const BenchCase& which) { return which.scene == "synthetic"; }))
     fail(ErrorKind::usage,
-         "scene 'synthetic' only exists in the default form, not as '{}': choose other scenes with --run",
+         "scene 'synthetic' only exists in the default variant, not as '{}': choose other scenes with --run",
          to_string(form));
   if (options.list) {
     for (const BenchCase& which : cases) say("{}\n", which.name());
@@ -184,7 +184,7 @@ Command add_bench(CLI::App& root) {
       ->type_name("DIR");
   app->add_option(
          "--set", options->assignments,
-         "a setting of all cases: the form and skipped work (kernel, colour, alpha_min, freeze, ...: "
+         "a setting for all cases: variant and skipped work (kernel, colour, alpha_min, freeze, ...: "
          "docs/variants.md), approximations (math, ...: docs/accuracy.md), or how --data are read")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)

@@ -32,7 +32,7 @@ constexpr CommandEntry kCommands[] = {
 
 int main(int argc, char** argv) {
   const Program program{
-      "ubs-lab", "ubs-lab: measures universal beta splatting: errors beside times, hard cases, devices.",
+      "ubs-lab", "ubs-lab: measures universal beta splatting: errors and times, extreme cases, devices.",
       kExitCodes, kCommands};
   return run_program(program, argc, argv);
 }

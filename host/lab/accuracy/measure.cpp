@@ -30,7 +30,7 @@ Problem problem_of(const NamedScene& scene, const TrainSettings& settings, const
   p.model = scene.scene.model;
   check_variant(p.model.dim, variant);
   if (ParameterLayout(p.model.dim, variant).property_names() != p.model.layout().property_names())
-    fail(ErrorKind::usage, "the form '{}' does not have the parameters of the model", to_string(variant));
+    fail(ErrorKind::usage, "the variant '{}' does not have the parameters of the model", to_string(variant));
   p.model.variant = variant;
   const View& view = scene.scene.views.views.at(scene.view);
   p.camera = view.camera;

@@ -12,7 +12,7 @@
 namespace ubs::bench {
 namespace {
 
-constexpr double kGrowth = 1.02;       // number of splats after / before a refinement
+constexpr double kGrowth = 1.02;       // ratio of the numbers of splats after and before a refinement
 constexpr float kDeadOpacity = -6.0f;  // raw opacity; its sigmoid is 0.0025
 constexpr std::size_t kDeadEvery = 50;
 
@@ -139,7 +139,7 @@ Repeated StepBench::repeated(const std::string& stage) {
             prepare};
   if (stage == "noise")
     return {[&] { stages.add_noise({.splats = model_.view(), .amount = 1e-6f}); }, prepare};
-  if (stage == "forward_backward")  // uses the image gradient that the step has left
+  if (stage == "forward_backward")  // uses the image gradient of the previous step
     return {[&] {
               renderer_.forward(model_.view(), 0, settings_, true);
               renderer_.backward(v_params_.view(), false);

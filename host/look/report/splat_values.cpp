@@ -80,7 +80,7 @@ void add_betas(Collector& out, const ModelVariant& variant) {
               rows, variant.learnt_weights() ? sigmoid : weight);
   };
   add("direction", "4 exp(b): low is diffuse, high is seen from few directions only", directions);
-  add("time", "4 exp(b): low stands still, high is there for a short time", time);
+  add("time", "4 exp(b): low is static, high is visible for a short time", time);
   add("further query", "4 exp(b) of the query dimensions after time", further);
 }
 

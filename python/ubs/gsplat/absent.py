@@ -38,7 +38,10 @@ _GROUPS = (
     (_LOSSES, "write the loss in PyTorch"),
     ("color_correct_affine color_correct_quadratic", "write the correction in PyTorch"),
     ("RenderMode RasterizeMode CameraModel", "pass the text, such as render_mode='RGB+D'"),
-    ("RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch", "leave it out: it divides gsplat's work"),
+    (
+        "RendererConfig RendererConfig_MixedBatch RendererConfig_ParallelBatch",
+        "remove it: it only configures how gsplat divides its work",
+    ),
 )
 INSTEAD = {name: instead for names, instead in _GROUPS for name in names.split()}
 

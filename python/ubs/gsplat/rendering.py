@@ -372,7 +372,7 @@ class Meta(dict):  # type: ignore[type-arg]
     """What rasterization() returns besides images and alphas, by gsplat's names."""
 
     def __missing__(self, key: str) -> Any:
-        raise KeyError(f"{key}: ubs keeps no such list; there are {', '.join(self)}")
+        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
 
 
 def rasterization(

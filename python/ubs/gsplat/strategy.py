@@ -272,7 +272,7 @@ class MCMCStrategy(Strategy):
     noise_opacity_t: float = 0.005
     """Opacity at which the noise has half of its strength."""
     noise_opacity_k: float = 100.0
-    """How fast the noise falls with the opacity: it is multiplied by sigmoid(k (t - opacity))."""
+    """How fast the noise decreases with the opacity: it is multiplied by sigmoid(k (t - opacity))."""
 
     def initialize_state(self) -> Dict[str, Any]:
         """Returns the state for step_post_backward(), which is empty here."""
