@@ -70,9 +70,10 @@ def to_json(value):
 def read_json(path):
     """Returns the content of a file, or nothing if it is missing or damaged."""
     try:
-        return json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
+        found = json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
     except (OSError, ValueError):
         return {}
+    return found if isinstance(found, dict) else {}
 
 
 def write(path, text):

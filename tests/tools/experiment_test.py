@@ -424,7 +424,7 @@ class Run(Case):
         self.assertEqual(self.starts(), 3)
         metrics = self.results("cube") / "metrics.json"
         whole = metrics.read_text()
-        for damaged in (whole[:50], whole.replace('"interrupted": false', '"interrupted": true'),
+        for damaged in (whole[:50], "[1]", whole.replace('"interrupted": false', '"interrupted": true'),
                         whole.replace('"test": {"iteration": 400', '"test": {"iteration": 300'),
                         whole.replace('"iterations": 400, "seconds"', '"iterations": 300, "seconds"')):
             self.assertNotEqual(damaged, whole)
