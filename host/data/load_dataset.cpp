@@ -349,8 +349,9 @@ Dataset open_undecoded(const fs::path& path, const DatasetOptions& options) {
   }
   data.depth_bounds = std::move(scene.depth_bounds);
   data.report = std::move(scene.report);
-  if (options.read.test_every == 0 && std::ranges::find(data.splits, "test", &Split::name) != data.splits.end())
-    data.report.note(fmt::format("--test-every 0 has no effect: the layout {} states its test views", layout.name));
+  if (options.read.test_every == 0 &&
+      std::ranges::find(data.splits, "test", &Split::name) != data.splits.end())
+    data.report.note("--test-every 0 has no effect, because the data state their test views");
   if (options.read.layout == "auto") note_other_layouts(path, layout, data.report);
   const auto& results = data.report.undistorted;
   for (const auto& [pixels, text] : results)

@@ -299,7 +299,7 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
        [](const fs::path& f) {
          put_rows(f, 1), put_image(f / "images/a.png", 128, 96), put_points(f / "points3d.ply");
        }},
-      {"another model", "2 COLMAP models: sparse/0 (1 images), sparse/1 (2 images); sparse/1 is used",
+      {"another model", "2 COLMAP models: sparse/0 (1 images), sparse/1 (2 images); using sparse/1",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});

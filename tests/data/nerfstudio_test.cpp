@@ -549,7 +549,7 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   const Dataset unsplit = load_dataset(folder.path(), {.read = {.test_every = 0}});
   CHECK(unsplit.find("test")->views.size() == 3);
   CHECK(std::ranges::count(unsplit.report.notes,
-                           "--test-every 0 has no effect: the layout N3V states its test views") == 1);
+                           "--test-every 0 has no effect, because the data state their test views") == 1);
 }
 
 TEST_CASE("image: EXR contains linear light and is converted to sRGB", "[image]") {

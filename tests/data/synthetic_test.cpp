@@ -192,7 +192,7 @@ TEST_CASE("synthetic: options are checked before anything is written", "[synthet
     return message_of([&] { export_synthetic(options, folder / "x"); }, ErrorKind::usage);
   };
   SyntheticOptions options = small("nothing");
-  CHECK_THAT(refusal(options), Contains("choose glossy, orbit, cloud"));
+  CHECK_THAT(refusal(options), Contains("choose one of glossy, orbit, cloud"));
   options = small("glossy");
   options.width = 0;
   CHECK_THAT(refusal(options), Contains("width = 0"));

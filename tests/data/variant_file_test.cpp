@@ -90,7 +90,7 @@ TEST_CASE("variants: unsupported records are rejected", "[variants][ply]") {
     return message_of([&] { read_splat_ply(folder / "bad.ply"); });
   };
   CHECK_THAT(refusal("comment ubs cov_mode sym\n"),
-             Contains("'sym' is not a value of cov_mode: expected upper|whiten"));
+             Contains("'sym' is not a value of cov_mode: expected one of upper|whiten"));
   CHECK_THAT(refusal("comment ubs fog on\n"), Contains("unknown setting 'fog'"));
   CHECK_THAT(refusal("comment ubs cov_mode\n"), Contains("is not 'ubs <key> <value>'"));
   CHECK_THAT(refusal("comment ubs cov_mode whiten\ncomment ubs cov_mode whiten\n"),

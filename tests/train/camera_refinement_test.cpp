@@ -126,7 +126,6 @@ TEST_CASE("a pose is fitted to a known model", "[cameras]") {
   }
 }
 
-// The right and left part see the scene at their border. Fitted alone, their poses would move away.
 TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
   const oracle::SceneOptions options{.count = 300, .dim = 6, .seed = 4, .width = 160, .height = 120};
   const oracle::Scene scene = oracle::regular_scene(options);
@@ -154,7 +153,7 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
     const CameraMove error{0.02, -0.02, 0.01, 0.01, 0.02, -0.01};
     const std::vector<Camera> start = cameras_of_parts(moved(scene.camera, error, 3), parts);
     for (std::size_t i = 0; i < parts.size(); ++i) {
-      CHECK(length(Vec3(start[i].centre()) - start[0].centre()) < 1e-12);
+      CHECK(length(Vec3(start[i].centre()) - start[0].centre()) < 1e-6);  // rotations are rounded to float
       parts[i].camera = start[i];
     }
     const std::vector<Camera> found =
@@ -164,8 +163,8 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
       const Vec3 away = Vec3(found[i].centre()) - right.centre();
       const Vec3 turn = turn_of(product(found[i].rotation, transposed(right.rotation)));
       INFO(device->info().name << ", part " << i << ": " << length(away) << ", " << length(turn));
-      CHECK(length(away) < 1);
-      CHECK(length(turn) < 1);
+      CHECK(length(away) < 6.4e-4);  // of 0.15; worst observed 3.2e-4, PoCL
+      CHECK(length(turn) < 2.6e-4);  // of 0.03; 1.3e-4
     }
     // The refiner moves the views of an image together.
     for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -179,7 +178,7 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const Camera& refined = refiner.cameras()[i];
       CHECK(refined.fx == start[i].fx);
-      CHECK(length(Vec3(refined.centre()) - expected[i].centre()) < 1e-12);
+      CHECK(length(Vec3(refined.centre()) - expected[i].centre()) < 1e-6);
       CHECK(length(turn_of(product(refined.rotation, transposed(expected[i].rotation)))) < 1e-7);
     }
   }

@@ -6,6 +6,7 @@ all are run but those of LONG, which UBS_TEST_ALL=1 adds."""
 
 import base64
 import contextlib
+import gzip
 import http.server
 import json
 import math
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import threading
 import time
+import zlib
 from pathlib import Path
 
 import browser
@@ -567,7 +569,28 @@ def damage(page, folder):
     end = text.index("<", begin)
     good = base64.b64decode(text[begin:end])
     header = 16 + struct.unpack_from("<I", good, 8)[0]
+
+    def altered(payload=good[header:], **changes):
+        """Returns the file with other values in the entry of its group."""
+        words = json.loads(good[16:header])
+        words["groups"][0].update(changes)
+        text = json.dumps(words).encode()
+        return good[:8] + struct.pack("<II", len(text), zlib.crc32(text)) + text + payload
+
+    classes = json.loads(good[16:header])["groups"][0]["classes"]
+    bomb = gzip.compress(bytes(200_000_000), 1)
+    page.open(html)
+    before = resident(page)
     for name, bad in {
+        # These would need several GB before their damage is noticed.
+        "many": altered(splats=50_000_000, classes=[50_000_000, 0, 0, 0, 0, 0]),
+        "bomb": altered(bomb),
+        "wide": altered(dim=1_000_000),
+        "negative": altered(splats=-1),
+        "fraction": altered(splats=sum(classes) + 0.5),
+        "classes": altered(classes=[classes[0] + 1, *classes[1:]]),
+        "bytes": altered(rows=[{"bytes": 9, "centre": 0, "step": 1}] * 32),
+        "rows": altered(rows=[]),
         "magic": b"X" + good[1:],
         "header": good[:40] + b"#" + good[41:],
         "cut": good[: len(good) // 2],
@@ -587,6 +610,7 @@ def damage(page, folder):
         if name != "empty":
             (folder / "bad.ubsz").write_bytes(bad)
             ubs("info", folder / "bad.ubsz", code=3)
+    assert resident(page) < before + 5e8
 
 
 # Returns the memory of all processes of the browser.

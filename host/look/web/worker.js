@@ -6,6 +6,7 @@
 'use strict';
 
 const CLASSES = 6, PLACE_BITS = 17;
+const MAX_RATIO = 1032;  // gzip compresses to no less than this part
 // Floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
 const RECORD = 12;
 
@@ -22,9 +23,23 @@ function crc32(bytes) {
   return (crc ^ 0xffffffff) >>> 0;
 }
 
-async function inflate(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip'));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+// Unpacks `size` bytes. If the data contain more, it stops, so that a hostile file does not fill the memory.
+async function inflate(bytes, size) {
+  const reader = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip')).getReader();
+  const out = new Uint8Array(size);
+  for (let at = 0;;) {
+    const {done, value} = await reader.read().catch(() => {
+      throw new Error('the model is damaged');
+    });
+    if (done && at < size) throw new Error('the model is cut off');
+    if (done) return out;
+    if (at + value.length > size) {
+      reader.cancel();
+      throw new Error('the model holds more than its header says');
+    }
+    out.set(value, at);
+    at += value.length;
+  }
 }
 
 // Collects every third bit of the 51 bits of a position; `high` has the bits from 24 on.
@@ -65,8 +80,6 @@ function readGroup(group, names, take) {
     }
     return rows;
   }
-  if (group.rows.length + 3 !== names || group.classes.reduce((a, b) => a + b, 0) !== n)
-    throw new Error('rows or classes do not fit the model');
   for (let k = 0, first = 0; k < CLASSES; first += group.classes[k++]) {
     const count = group.classes[k], times = 2 ** k;
     const placePlanes = planes(count, group.places.bytes);
@@ -140,11 +153,30 @@ function readHeader(bytes) {
   };
 }
 
+// Returns the number of bytes of a group before compression. Throws an error for headers that `ubs` does not
+// write.
+function groupBytes(group, switches) {
+  const within = (value, low, high) => Number.isInteger(value) && value >= low && value <= high;
+  const valid = () => {
+    if (!within(group.dim, 3, 11) || !within(group.splats, 0, 2 ** 32)) return false;
+    if (!group.rows) return true;
+    const counts = group.classes;
+    return counts.length === CLASSES && counts.every((count) => within(count, 0, group.splats)) &&
+        counts.reduce((a, b) => a + b, 0) === group.splats && within(group.places.bytes, 1, 7) &&
+        group.rows.length + 3 === layoutOf(group.dim, switches).count &&
+        group.rows.every((row) => within(row.bytes, 1, 4));
+  };
+  if (!valid()) throw new Error('the header of the model is not valid');
+  const each = group.rows ? group.rows.reduce((sum, row) => sum + row.bytes, group.places.bytes) :
+                            4 * layoutOf(group.dim, switches).count;
+  return each * group.splats;
+}
+
 // Unpacks the groups of a level.
 async function unpack(level, switches, bytes) {
-  const payload = await inflate(bytes).catch(() => {
-    throw new Error('the model is damaged');
-  });
+  const size = level.groups.reduce((sum, group) => sum + groupBytes(group, switches), 0);
+  if (size > MAX_RATIO * bytes.length) throw new Error('the model is cut off');
+  const payload = await inflate(bytes, size);
   let at = 0;
   const take = (count) => {
     if (at + count > payload.length) throw new Error('the model is cut off');
@@ -155,7 +187,6 @@ async function unpack(level, switches, bytes) {
     const layout = layoutOf(group.dim, switches);
     return {layout, count: group.splats, rows: readGroup(group, layout.count, take)};
   });
-  if (at !== payload.length) throw new Error('the model holds more than its header says');
   return groups;
 }
 
