@@ -176,6 +176,24 @@ TEST_CASE("the query gradient only adds the projected direction term to the posi
   }
 }
 
+TEST_CASE("cameras and targets of scenes contain float values", "[oracle]") {
+  const auto check = [](double x) {
+    const volatile float rounded = static_cast<float>(x);  // `volatile` makes the compiler round
+    CHECK(x == static_cast<double>(rounded));
+  };
+  for (int dim : {3, 5, 6})
+    for (int index = 0; index < kRingCameras; ++index) {
+      const Camera camera = ring_camera({200, dim, 1, 64, 48}, index);
+      for (double x : camera.rotation) check(x);
+      for (double x : camera.translation) check(x);
+      for (double x : {camera.fx, camera.fy, camera.cx, camera.cy, camera.time}) check(x);
+      for (double x : camera.extra) check(x);
+    }
+  const Scene scene = opaque_stack_scene({200, 6, 1, 64, 48});
+  for (double x : scene.background) check(x);
+  for (double x : scene.target) check(x);
+}
+
 TEST_CASE("regular scenes contain the documented cases", "[oracle]") {
   for (int dim : {3, 4, 6, 7, 11}) {
     CAPTURE(dim);

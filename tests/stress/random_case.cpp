@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // This file implements random_case(). Positions are chosen in the frame of the camera, because invisible
-// splats test little.
+// splats test little. An expression draws at most one random number, or has operands whose order the language
+// defines. Compilers evaluate arguments of a function in different orders.
 #include "tests/stress/random_case.hpp"
 
 #include <fmt/format.h>
@@ -23,6 +24,7 @@ double log_uniform(Random& r, double low, double high) {
   return std::exp(r.uniform(std::log(low), std::log(high)));
 }
 bool chance(Random& r, double probability) { return r.uniform(0, 1) < probability; }
+double random_sign(Random& r) { return chance(r, 0.5) ? 1 : -1; }
 std::size_t pick(Random& r, std::size_t count) { return static_cast<std::size_t>(r.bits() % count); }
 
 struct Form {
@@ -130,8 +132,8 @@ void aim(Splat& s, const Scene& scene, Random& r, double spread) {
 
 void ordinary(Splat& s, const Scene& scene, Random& r, double depth) {
   const Camera& c = scene.camera;
-  place(s, scene, (r.uniform(-0.1, 1.1) * c.width - c.cx) / c.fx,
-        (r.uniform(-0.1, 1.1) * c.height - c.cy) / c.fy, depth);
+  const double y = r.uniform(-0.1, 1.1) * c.height, x = r.uniform(-0.1, 1.1) * c.width;
+  place(s, scene, (x - c.cx) / c.fx, (y - c.cy) / c.fy, depth);
   const ParameterLayout& l = s.l;
   for (int row = l.rgb; row < l.opacity; ++row)
     s.at(row) = row < l.rgb + 3 ? r.uniform(0, 1) : 0.2 * r.normal();
@@ -208,22 +210,24 @@ void at_near_plane(Splat& s, const Scene& scene, Random& r) {
                             0.011,
                             0.02};
   const double z = chance(r, 0.7) ? kDepths[pick(r, std::size(kDepths))] : r.uniform(0.01, 0.05);
-  place(s, scene, r.uniform(-1, 1), r.uniform(-1, 1), z);
+  const double slope_y = r.uniform(-1, 1), slope_x = r.uniform(-1, 1);
+  place(s, scene, slope_x, slope_y, z);
   for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus_of(log_uniform(r, 1e-4, 0.1));
   aim(s, scene, r, 0.3);
 }
 
 void beside_frustum(Splat& s, const Scene& scene, Random& r) {
-  const double z = log_uniform(r, 0.02, 3), slope = log_uniform(r, 1, 1e4) * (chance(r, 0.5) ? 1 : -1);
+  const double z = log_uniform(r, 0.02, 3), size = log_uniform(r, 1, 1e4), slope = size * random_sign(r);
   const bool across = chance(r, 0.5);
   place(s, scene, across ? slope : r.uniform(-1, 1), across ? r.uniform(-1, 1) : slope, z);
-  for (int i = 0; i < 3; ++i)
-    s.at(s.l.scale + i) = inverse_softplus_of(std::abs(slope) * z * log_uniform(r, 0.01, 3));
+  for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus_of(size * z * log_uniform(r, 0.01, 3));
   aim(s, scene, r, 0.3);
 }
 
 void around_camera(Splat& s, const Scene& scene, Random& r) {
-  place(s, scene, r.uniform(-2, 2), r.uniform(-2, 2), chance(r, 0.5) ? r.uniform(-0.1, 0.3) : 0.0);
+  const double z = chance(r, 0.5) ? r.uniform(-0.1, 0.3) : 0.0;
+  const double slope_y = r.uniform(-2, 2), slope_x = r.uniform(-2, 2);
+  place(s, scene, slope_x, slope_y, z);
   for (int i = 0; i < 3; ++i) s.at(s.l.scale + i) = inverse_softplus_of(r.uniform(0.3, 3));
   aim(s, scene, r, 0.3);
 }
@@ -232,17 +236,18 @@ void around_camera(Splat& s, const Scene& scene, Random& r) {
 void at_query(Splat& s, const Scene& scene, Random& r) {
   const std::vector<double> q = query_at(s, scene);
   constexpr double kOffsets[] = {0, 1e-6, 1, 2.884, 3, 30, 1e4};
-  for (int i = 0; i < s.l.query; ++i)
-    s.at(s.l.mean + i) =
-        q[static_cast<std::size_t>(i)] + (chance(r, 0.5) ? 1 : -1) * kOffsets[pick(r, std::size(kOffsets))];
+  for (int i = 0; i < s.l.query; ++i) {
+    const double sign = random_sign(r);
+    s.at(s.l.mean + i) = q[static_cast<std::size_t>(i)] + sign * kOffsets[pick(r, std::size(kOffsets))];
+  }
   if (s.l.query >= 3 && chance(r, 0.2))
     for (int i = 0; i < 3; ++i) s.at(s.l.mean + i) = -q[static_cast<std::size_t>(i)];
 }
 
 void at_tile_edge(Splat& s, const Scene& scene, Random& r) {
   const Camera& c = scene.camera;
-  place(s, scene, (16.0 * static_cast<double>(pick(r, 3)) - c.cx) / c.fx,
-        (8.0 * static_cast<double>(pick(r, 3)) - c.cy) / c.fy, 2);
+  const double y = 8.0 * static_cast<double>(pick(r, 3)), x = 16.0 * static_cast<double>(pick(r, 3));
+  place(s, scene, (x - c.cx) / c.fx, (y - c.cy) / c.fy, 2);
 }
 
 void poison(Splat& s, Random& r) {
