@@ -18,9 +18,11 @@ struct CompiledProgram {
 // Opens the first of the named libraries that is an NVRTC no newer than the driver (toolkit_names() in
 // dynamic_library.hpp). Otherwise throws Error(device), saying what was found and what to install.
 void* open_nvrtc(std::span<const std::string> names, int driver);
-// Returns name and version. Throws Error(device), saying what to install, if there is no NVRTC.
+// Returns the name and version of the compiler. Throws Error(device), saying what to install, if there is no
+// NVRTC.
 std::string compiler_version();
-// capability: 90 for sm_90. Throws Error(build) with the compiler's log if the program does not compile.
+// Compiles a program for a GPU; `capability` is 90 for sm_90. Throws Error(build) with the compiler's log if
+// the program does not compile.
 CompiledProgram compile_program(const ProgramSpec& spec, int capability);
 
 // Returns the binary of a program, from a cache file if possible. The cache folder is $UBS_KERNEL_CACHE if it

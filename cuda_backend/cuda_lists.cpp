@@ -9,7 +9,7 @@
 namespace ubs::cuda {
 namespace {
 
-constexpr int kKeyBits = 32;  // 31 bits would suffice for positive floats, but need four passes of 8 bits too
+constexpr int kKeyBits = 32;  // positive floats need only 31 bits, but also four passes of 8 bits
 
 dim3 grid(std::uint64_t items) { return {blocks(items, kListBlock), 1, 1}; }
 

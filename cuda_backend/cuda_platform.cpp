@@ -51,7 +51,7 @@ std::string defect(int ordinal, int capability) {
 DeviceInfo describe_device(const cudaDeviceProp& properties, int driver, int runtime) {
   DeviceInfo info;
   info.backend = "cuda";
-  info.sorts_by_copying = true;  // CUB's SortPairs does
+  info.sorts_by_copying = true;  // because CUB's SortPairs sorts in this way
   info.platform = fmt::format("CUDA runtime {}", version_text(runtime));
   info.vendor = "NVIDIA";
   info.name = properties.name;
@@ -81,7 +81,7 @@ int count_cards(int driver, int runtime) {
   const cudaError_t code = cudaGetDeviceCount(&count);
   if (code == cudaSuccess) return count;
   const std::string text = error_text(code);
-  const int needed = runtime / 1000 * 1000;  // a driver runs everything of its major version
+  const int needed = runtime / 1000 * 1000;  // a driver supports all versions with its major number
   if (driver == 0 || code == cudaErrorNoDevice) return 0;
   if (driver < needed)
     warn_once(

@@ -56,7 +56,7 @@ void Raster::run(const RasterBackward& work) {
   check_list_states(work);
   require(work.v_image.size >= 3 * work.shape.plane(), "v_image is smaller than its three planes");
   require(work.slots.count <= 1,
-          "the slots must be in a single buffer");  // one allocation can be as large as the memory
+          "the slots must be in a single buffer");  // in CUDA, one buffer can use all memory
   device_.launch("raster_backward", kernels_.backward, static_cast<unsigned>(list_segments(work)),
                  kTileThreads, work.records, work.sorted_ids, work.sorted_slots, work.tile_ranges,
                  work.shape.tiles_x(), work.shape.tiles_y(), work.shape.width, work.shape.height, work.image,

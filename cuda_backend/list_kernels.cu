@@ -53,8 +53,8 @@ __global__ void write_counts(const u32* tile_counts, const u32* depth_keys, u32 
   }
 }
 
-// Computes the number of tiles of each splat in depth order. The prefix sums over all `most` elements are the
-// places of the intersections.
+// Computes the number of tiles of each splat in depth order. The prefix sums over all `most` elements
+// are the positions of the intersections.
 __global__ void gather_areas(const u32* order, u32 most, const u32* counted, const u32* tile_rects, u32* areas) {
   const size_t i = global_index();
   if (i >= most) return;

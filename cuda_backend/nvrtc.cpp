@@ -143,7 +143,7 @@ CompiledProgram compile_program(const ProgramSpec& spec, int capability) {
   Options options = spec.options;
   options.push_back(fmt::format("--gpu-architecture={}_{}", machine_code ? "sm" : "compute", known));
   options.push_back("--std=c++17");
-  options.push_back("--diag-suppress=550");  // "set but never used": unrequested gradients (UBS_NO_V_SHAPE)
+  options.push_back("--diag-suppress=550");  // "set but never used": gradients that UBS_NO_V_SHAPE omits
   if (machine_code) options.push_back("--ptxas-options=-v");
   std::vector<const char*> texts;
   for (const std::string& option : options) texts.push_back(option.c_str());

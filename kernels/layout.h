@@ -76,7 +76,7 @@ enum {
   kSplatR, kSplatG, kSplatB,
   kSplatHx, kSplatHy,            // half extents of the footprint [px]
   kSplatDepth,                   // z of the conditional mean in the camera frame
-  kSplatReach,                   // with UBS_OPACITY_EXTENTS: alpha is below the limit beyond this r; else not written
+  kSplatReach,                   // with UBS_OPACITY_EXTENTS: alpha is below the limit beyond this r; otherwise unset
   kSplatStride = 16
 };
 

@@ -77,7 +77,8 @@ enum {  // which raw betas exist: that of the spatial kernel, those of the query
 #define UBS_SUPPORT UBS_OWN_SUPPORT
 #else
 #define UBS_SUPPORT (UBS_FALLOFF == UBS_FALLOFF_GAUSSIAN ? R(11.0889) : R(1.0))
-// Expressions of r and beta: log2 of the falloff, and its derivatives with respect to r and beta. These are not used.
+// Expressions of r and beta: log2 of the falloff, and its derivatives with respect to r and beta. These defaults are
+// not used.
 #define UBS_OWN_LOG2 (r * beta)
 #define UBS_OWN_R_SLOPE (r * beta)
 #define UBS_OWN_BETA_SLOPE (r * beta)

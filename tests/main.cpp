@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
   bool optional = false, cuda_on_host = false;
   using Catch::clara::Opt;
   session.cli(session.cli() | Opt(device, "device")["--device"]("device to test on (default: all)") |
-              Opt(optional)["--optional"]("skip when the device is not there") |
+              Opt(optional)["--optional"]("skip the tests if the device does not exist") |
               Opt(cuda_on_host)["--cuda-on-host"]("test the CUDA back end on the host"));
   if (const int code = session.applyCommandLine(argc, argv); code != 0) return code;
   // Tests must not use constants that were tuned on this machine.

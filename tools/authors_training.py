@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs train.py of the authors of Universal Beta Splatting on any device, with two functions of ubs.torch in place of
-their CUDA kernels: condition() slices the splats, rasterize() draws them.
+"""Runs train.py of the authors of Universal Beta Splatting on any device. Two functions of ubs.torch replace the
+authors' CUDA kernels: condition() computes the splats for a query, and rasterize() renders them.
 
     tools/authors_training.py CHECKOUT --source_path DATA --model_path OUT --iterations 1000 --input_dim 6 --eval
     ubs eval OUT/point_cloud/iteration_1000/point_cloud.ply DATA
 
-CHECKOUT is a folder with github.com/RongLiu-Leo/universal-beta-splatting; nothing of it is part of this project. The other
-arguments are those of train.py, whose evaluation at its end is left to `ubs eval`. It needs scikit-learn, plyfile,
-imagesize, scipy and tqdm, but not fused_ssim, viser, nerfview, lpips, torchvision and CUDA. UBS_DEVICE selects the device
-that draws."""
+CHECKOUT is a folder with github.com/RongLiu-Leo/universal-beta-splatting; this project contains no part of it. The
+other arguments are those of train.py. The final evaluation of train.py is not run; use `ubs eval` instead. This
+program needs scikit-learn, plyfile, imagesize, scipy and tqdm, but not fused_ssim, viser, nerfview, lpips, torchvision
+and CUDA. UBS_DEVICE selects the device that renders."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def cond_mean_convariance_opacity(
     means: Tensor, covars: Tensor, opacities: Tensor, betas: Tensor, query: Tensor
 ) -> tuple[Tensor, ...]:
     factor = torch.linalg.cholesky(covars)
-    # The function of the authors has no gradient with respect to the query.
+    # The authors' function has no gradient with respect to the query.
     positions, covariances, change = ubs.torch.condition(means, factor, betas, query.detach())
     return positions, covariances, opacities * change[:, None]
 
@@ -55,7 +55,7 @@ def rasterization(
 
 
 def ssim(a: Tensor, b: Tensor) -> Tensor:
-    """SSIM with 11 x 11 Gaussian windows and zeros around the image."""
+    """Returns the SSIM of two images, with 11 x 11 Gaussian windows and zeros around the images."""
     line = torch.exp(-((torch.arange(11.0) - 5) ** 2) / 4.5)
     line = (line / line.sum()).to(a)
 
@@ -71,7 +71,7 @@ def ssim(a: Tensor, b: Tensor) -> Tensor:
 
 
 class Anything:
-    """Replaces classes that are imported but not used, such as those of the viewer, or that only measure CUDA."""
+    """Replaces classes that are imported but not needed: those of the viewer, and those that only measure CUDA."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
         pass
@@ -98,7 +98,7 @@ def main() -> None:
             for old, new in ((".cuda()", ""), ('"cuda:0"', '"cpu"'), ('"cuda"', '"cpu"'), ("torch.int32", "torch.int64")):
                 text = text.replace(old, new)
             if file.name == "train.py":
-                text = text.replace("if args.eval:", "if False:")  # it needs 30 000 iterations and LPIPS
+                text = text.replace("if args.eval:", "if False:")  # the evaluation needs LPIPS and 30 000 iterations
             file.write_text(text)
         reference = str(pathlib.Path(sys.argv[1]) / "submodules/gsplat/cuda/_torch_impl.py")
         torch_code = runpy.run_path(reference)

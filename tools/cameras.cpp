@@ -36,8 +36,8 @@ struct CamerasOptions {
 constexpr std::size_t kAllPairs = 150;  // photographs; with more, matching all pairs takes hours
 constexpr std::size_t kFewest = 3;
 
-// The paths used. The images are in the given folder or in its subfolder `images`; ubs writes to the
-// subfolder `colmap`.
+// The paths that this command uses. The images are in the given folder or in its subfolder `images`; ubs
+// writes to the subfolder `colmap`.
 struct Places {
   fs::path data, images, work, list, database, mapping, model;
   std::vector<fs::path> pictures;
@@ -80,7 +80,7 @@ Places places_of(const std::string& given) {
 }
 
 struct Step {
-  // Pattern that finds "so many of so many" in the log; empty: images are counted.
+  // Pattern that finds the numbers of done and of all items in the log. If it is empty, images are counted.
   std::string name, progress;
   std::vector<std::string> arguments;
 };
@@ -122,7 +122,7 @@ std::vector<Step> steps_of(const CamerasOptions& options, const Places& places, 
        // features; all had a camera and training was no worse (31.8 and 31.6 dB). COLMAP's defaults
        // are 8192 features and 3200 pixels.
        "--SiftExtraction.max_num_features", "2048", names.image_size, "1600"}};
-  if (one_size(places))  // most likely one device, and a shared lens is estimated better than many
+  if (one_size(places))  // most likely from one camera, and one shared lens is estimated better
     features.arguments.insert(features.arguments.end(), {"--ImageReader.single_camera", "1"});
   Step matches{"matches",
                R"(\[(\d+)/(\d+)(?:, (\d+)/\d+)?\] in)",  // printed when a block of pairs is done
@@ -142,7 +142,7 @@ std::string tail_of(const fs::path& log, std::size_t most) {
   return text.size() > most ? text.substr(text.size() - most) : text;
 }
 
-// Shows the latest progress in the log: so many of so many.
+// Shows the latest progress that the log contains, as the numbers of done and of all items.
 void show(const Step& step, const fs::path& log, CountProgress& progress) {
   if (step.progress.empty()) {
     const std::string text = tail_of(log, std::size_t{16} << 20);
@@ -200,8 +200,8 @@ std::string pictures_text(const CamerasOptions& options, const Places& places) {
   return text;
 }
 
-// Returns the files to delete because they were made from other images: an old database would bring these
-// back.
+// Returns the files to delete because they were made from other images. COLMAP would add the images of an old
+// database again.
 std::vector<fs::path> stale_files(const CamerasOptions& options, const Places& places) {
   const fs::path print = places.work / "pictures.txt";
   if (!path_exists(print) || read_text_file(print) == pictures_text(options, places)) return {};

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting is
 // lossless for models of Gaussians; for other models it fixes the time and averages over the directions. The
-// loss of quality is measured by rendering both models: against the model itself, and with --data against its
-// images.
+// loss of quality is measured by rendering both models. The images are compared with each other, and with
+// --data also with the images of the data.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -58,8 +58,8 @@ const SplatFormat& target_format(const ConvertOptions& options, const SplatForma
     fail(ErrorKind::usage, "{}: no format has the extension '{}': choose one with --to", options.to,
          small_extension(options.to));
   if (!format->ours() || !options.conditioning.empty()) return *format;
-  // Both layouts have the extension .ply. Other programs read that of 3DGS; a file that already has it can
-  // only be meant to become a ubs file.
+  // The ubs format and 3DGS both have the extension .ply. The default is 3DGS, which other programs read. A
+  // file that is 3DGS already is converted to the ubs format.
   const bool gaussians = source.holds == SplatFormat::Holds::gaussians && source.name != "3dgs";
   return source.ours() || gaussians ? splat_format("3dgs") : *format;
 }
@@ -93,8 +93,8 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
   return places;
 }
 
-// Returns the file of a time sample of a series: its number is inserted before the extension. A format that
-// stores several time samples has one file for all.
+// Returns the file of a time sample of a series. The number of the sample is inserted before the extension. A
+// format that stores several time samples has one file for all.
 std::string file_of(const ConvertOptions& options, const SplatFormat& format, int moment) {
   if (options.series == 0 || format.write_series) return options.to;
   const fs::path to = options.to;
@@ -102,7 +102,7 @@ std::string file_of(const ConvertOptions& options, const SplatFormat& format, in
       .string();
 }
 
-// Returns what to do about an export that has lost much.
+// Returns advice for an export that has lost much quality.
 std::string advice(const ConvertOptions& options, const MixedModel& model) {
   if (std::ranges::all_of(model.groups, is_gaussian_model))
     return "choose .ply or .glb, which store the numbers of these Gaussians exactly";
@@ -111,8 +111,8 @@ std::string advice(const ConvertOptions& options, const MixedModel& model) {
       options.distill.empty() ? "add --distill 60s to fit the Gaussians to the model, or " : "");
 }
 
-// Adds the loss of an export that is not exact. A machine that cannot render still converts: a remark says
-// that nothing was measured.
+// Adds the loss of an export that is not exact. If this machine cannot render, the file is still converted,
+// and a remark states that the loss was not measured.
 void add_loss(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
               const TrainSettings& settings, Json& json) {
   if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
@@ -249,7 +249,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   return json;
 }
 
-// Converts the model to the other form of conditioning, and measures the loss of quality if there are data.
+// Converts the model to the other kind of conditioning, and measures the loss of quality if there are data.
 Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const TrainSettings& settings) {
   MixedModel model{std::vector<SplatModel>{}};
   std::size_t indefinite = 0;

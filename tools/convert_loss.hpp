@@ -13,13 +13,14 @@
 namespace ubs::tools {
 
 struct ExportLoss {
-  // PSNR of the file against the model, mean over the cameras, at most 100 [dB]: both before the background
-  // of the model, and both before black, as most programs show the file.
+  // PSNR of the file against the model, mean over the cameras, at most 100 [dB]. For `own`, both are rendered
+  // in front of the background of the model. For `black`, both are rendered in front of black, because most
+  // programs show the file in this way.
   double own = 0, black = 0;
   std::size_t cameras = 0;
 };
 
-// Returns whether a file of this format holds the model exactly.
+// Returns whether a file of this format stores the model exactly.
 bool exports_exactly(const SplatFormat& format, const MixedModel& model);
 
 // Measures at most kLossCameras of the cameras that the model lists, reduced to kLossPixels. `written` is the

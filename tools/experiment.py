@@ -6,8 +6,8 @@ An experiment (data_specs/experiments/*.yaml) has rows, which are settings with 
 (data_specs/sets/*.yaml). A run is a row on a scene. This program reads the files, finds the data, lets `ubs` check the
 settings, starts `ubs train` and `ubs eval` for one run after another, and writes the tables after each.
 
-The files of a run are in OUT/runs/ROW.SET.SCENE. This program writes job.json there, which says of what the run is
-made, before the training. At the end of the training `ubs` writes metrics.json and removes checkpoint.ubs.
+The files of a run are in OUT/runs/ROW.SET.SCENE. Before the training, this program writes job.json there, which states
+the settings and data of the run. At the end of the training, `ubs` writes metrics.json and removes checkpoint.ubs.
 
 Requires the executable `ubs` and PyYAML (Debian: python3-yaml). Exit codes are those of `ubs` (README.md).
 """
@@ -29,9 +29,9 @@ import sys
 import yaml
 
 INTERNAL, USAGE, DATA, INTERRUPTED = 1, 2, 3, 130  # exit codes
-AVERAGE = "average"  # is written instead of the name of a scene
-# For each key in files: the heading, the exact definition, the number of decimals, and whether it is a quality of
-# images, which gets a column of differences. The others are costs.
+AVERAGE = "average"  # replaces the name of a scene
+# For each metric: its key in files, its heading, its exact definition, the number of decimals, and whether it measures
+# image quality. Metrics of image quality get a column of differences. The other metrics are costs.
 METRICS = {
     "psnr": ("PSNR [dB]", "mean over the test views of the mean over the three channels of 10 log10(1 / mse), as the "
              "published code computes it", 2, True),
@@ -50,7 +50,7 @@ READING = ("layout", "images", "downscale", "test_every", "frames", "cache_folde
 
 
 class Failure(Exception):
-    """An error for the user: its exit code, which is that of `ubs` for errors of its kind, and a message."""
+    """An error for the user, with a message and the exit code that `ubs` uses for errors of this kind."""
 
 
 def need(condition, where, message):
@@ -160,7 +160,7 @@ class Child:
             print("$", shlex.join(command), file=file, flush=True)
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file,
                                             start_new_session=True)
-        if self.stopped:  # before there was a process
+        if self.stopped:  # a signal arrived before the process started
             self.stop()
         code, self.process = self.process.wait(), None
         return code, log.read_text(encoding="utf-8", errors="surrogateescape")
@@ -169,12 +169,13 @@ class Child:
 child = Child()
 
 
-# Files of experiments and data sets. A schema is a pattern that a text must match; [A], which is a list of A; a mapping
-# from patterns of keys to schemas, with "!" after required keys; or ANY for settings, which `ubs` checks.
+# Files of experiments and data sets. There are four kinds of schemas. A text is a pattern that a value must match. [A]
+# is a list of items that match the schema A. A mapping maps patterns of keys to schemas, with "!" after required keys.
+# ANY allows all values; it is used for settings, which `ubs` checks.
 
 ANY = object()
 TEXT = r"[^\0\ud800-\udfff]+"
-NAME, WIDTH = "[A-Za-z0-9_-]{1,64}", "[1-9][0-9]{0,4}"  # names become those of folders
+NAME, WIDTH = "[A-Za-z0-9_-]{1,64}", "[1-9][0-9]{0,4}"  # names are used as names of folders
 NUMBER = r"null|[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?"
 SCENE = {"title": TEXT, "folders": [TEXT], "width": WIDTH, "settings": {TEXT: ANY}}
 DATA_SET = {"name!": NAME, **SCENE, "dataset!": {TEXT: TEXT}, "scenes!": {NAME: SCENE}}
@@ -185,8 +186,7 @@ EXPERIMENT = {"name!": NAME, "title": TEXT, "notes": TEXT, "settings": {TEXT: AN
 
 
 class Loader(yaml.BaseLoader):
-    """Reads every value as the text in the file. Rejects keys that appear twice, of which PyYAML would use the last
-    one."""
+    """Reads every value as the text in the file. Rejects keys that appear twice; PyYAML would use the last of them."""
 
     def construct_mapping(self, node, deep=False):
         mapping = super().construct_mapping(node, deep)
@@ -246,7 +246,7 @@ def load_experiment(path):
         for data, scene, values in [(data, *item) for data, scenes in published.items() for item in scenes.items()]:
             where = f"{path}: rows[{i}]: published: {data}: {scene}"
             need(data in spec["sets"] and scene in [AVERAGE, *spec["sets"][data]["scenes"]], where,
-                 "is no scene of this experiment")
+                 "is not a scene of this experiment")
             need(len(values) == len(columns), where, "needs a value, or null, for each of the columns of 'published' "
                  f"({', '.join(columns) or 'which is missing'})")
             row["published"][f"{data}/{scene}"] = {key: float(value) for key, value in sorted(zip(columns, values))
@@ -269,16 +269,16 @@ class Run:
         self.data = self.folder = None  # their paths; the data may be missing
         self.published, self.settings = {}, {}  # settings as published, and of this run
         self.published_width = int(self.about.get("width", data_set.get("width", 0)))
-        self.width = 0  # of the images that are used
+        self.width = 0  # width of the images that are used
         self.identity = {}  # everything that determines the result on one device and build
-        self.end("not run")  # or done, no data, failed, interrupted
-        self.values, self.paper = {}, {}  # ours and the published ones by metric
-        self.lacks = {}  # by metric, why a finished run was not measured for it
+        self.end("not run")  # later: done, no data, failed or interrupted
+        self.values, self.paper = {}, {}  # measured and published values by metric
+        self.lacks = {}  # by metric, the reason why a finished run has no value
         self.record = {}  # job.json, and the build and the device of metrics.json
-        self.present = 0  # of a mean, the number of finished runs
+        self.present = 0  # number of finished runs of a mean
 
     def end(self, state, reason="", code=0):
-        """Sets the state, why it is so, and the exit code of a failed run."""
+        """Sets the state, the reason for it, and the exit code of a failed run."""
         self.state, self.reason, self.code = state, reason, code
 
     def changes(self):
@@ -298,7 +298,7 @@ def deciding(settings):
 
 
 def find_data(run, root, unique):
-    """ROOT/SET/SCENE, or ROOT/SCENE if no other data set has a scene of that name; each may be a packed file."""
+    """Returns ROOT/SET/SCENE, or ROOT/SCENE if the scene name is unique among the sets. Each may be a packed file."""
     scenes = [run.scene, *run.about.get("folders", [])]
     places = [root / folder / scene for folder in [run.set["name"], *run.set.get("folders", [])] for scene in scenes]
     places += [root / scene for scene in scenes] if unique else []
@@ -307,8 +307,8 @@ def find_data(run, root, unique):
 
 
 def scaled_down(ubs, run, k):
-    """Images / K, iterations / K, and splats / K^2, so that the number of splats per pixel does not change. Images that
-    are already smaller than published are reduced by less, and never enlarged."""
+    """Returns settings for images / K, iterations / K and splats / K^2. The number of splats per pixel does not change.
+    Images that are already smaller than published are reduced by less, and never enlarged."""
     def rounded(number):
         return max(1, int(number + 0.5))
 
@@ -355,7 +355,7 @@ def make_plan(spec, options):
             run.width = image_width(ubs, run.data, run.settings) if run.data else 0
         except Failure as error:
             code, message = error.args
-            if message.startswith("--set: "):  # a wrong key or value: of --set, if those of the files are right
+            if message.startswith("--set: "):  # an invalid key or value in --set or in a file
                 raise error if run.published else Failure(DATA, f"{options.spec}: {run.id}: settings: {message[7:]}")
             run.end("failed", message, code)  # incompatible settings, or unusable data
         if not run.data:
@@ -424,7 +424,7 @@ def train(run, options):
 def measure(run, options):
     """Measures with `ubs eval` what training does not measure. If this fails, the values are missing."""
     asked, reason = {"fps": options.fps_views, "lpips": options.lpips_weights}, ""
-    missing = [key for key in asked if key not in run.values and "psnr" in run.values]  # or there are no test images
+    missing = [key for key in asked if key not in run.values and "psnr" in run.values]  # no PSNR: no test images
     if any(asked[key] for key in missing):
         folder, log = run.folder, run.folder / "measure.log"
         lpips = ["--lpips", "vgg", "--lpips-range", "unit", "--lpips-weights", asked["lpips"]] if asked["lpips"] else []
@@ -460,7 +460,7 @@ def mean(runs):
 
 
 def compare(spec, runs):
-    """Returns the lines of the tables: runs by data set and row, and after those of a row their mean."""
+    """Returns the lines of the tables. Runs are ordered by data set and row, and the mean of a row follows its runs."""
     lines = []
     for data in spec["sets"].values():
         for row in spec["rows"]:
@@ -612,7 +612,7 @@ def execute(spec, runs, options):
         raise Failure(DATA, f"{options.lpips_weights}: no such file (--lpips-weights or UBS_LPIPS_WEIGHTS)")
     options.out.mkdir(parents=True, exist_ok=True)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # which nohup ignores
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores SIGHUP
             signal.signal(number, child.stop)
 
     def save():
@@ -697,7 +697,7 @@ def parse(arguments):
     built = pathlib.Path(__file__).resolve().parent.parent / "build" / "ubs"
     ubs = str(built) if built.exists() else shutil.which("ubs") or str(built)
     parser = Parser(description="Trains the runs of an experiment and compares the results with published ones.",
-                    epilog="docs/experiments.md says more.", allow_abbrev=False)
+                    epilog="See docs/experiments.md for details.", allow_abbrev=False)
     add, mode = parser.add_argument, parser.add_mutually_exclusive_group()
     add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
     add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that contains the data sets")
@@ -726,7 +726,7 @@ def parse(arguments):
     add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")
     add("--emit-tasks", action="store_true", help="only print a JSON line with a command for each run that is not "
         "finished, for job arrays")
-    add("--task", metavar="ID", help="do only this run of --emit-tasks, as with --resume, without tables")
+    add("--task", metavar="ID", help="only execute this run of --emit-tasks, as with --resume; write no tables")
     options = parser.parse_args(arguments)
     if not 1 <= options.scale_down <= 64 or options.fps_views < 0:
         parser.error("--scale-down must be from 1 to 64, and --fps-views must not be negative")

@@ -7,7 +7,7 @@ Needs the Python packages lpips, torch and torchvision (which download the weigh
     pip install lpips torchvision
     tools/export_lpips_weights.py alex squeeze vgg --out lpips_weights
 
-writes lpips_weights/lpips_alex.safetensors and so on. Tensors are float32 with torchvision's names
+This writes lpips_weights/lpips_alex.safetensors and so on. Tensors are float32 with torchvision's names
 (features.0.weight, ...) and lin0.weight, lin1.weight, ... of shape (1, channels, 1, 1) for the linear heads.
 """
 import argparse

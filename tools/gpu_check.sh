@@ -118,7 +118,7 @@ step devices 20 "$ubs" devices
 "$ubs" devices --json >"$out/devices.json" 2>/dev/null
 has_opencl=$("$ubs" devices --device opencl:gpu >/dev/null 2>&1 && echo yes || echo no)
 
-# Correctness first. As many steps as there are processors run in parallel, because most of the time is spent
+# Correctness is checked first. As many steps as there are processors run in parallel, because most of the time is spent
 # on compiling. Tests with the tag [opencv] need a build with OpenCV; a kit has none.
 # begin NAME MOST_SECONDS COMMAND...: starts a step in parallel to others; its log goes to the folder `right`.
 begin() {
@@ -162,9 +162,10 @@ if [ "$phase" != fast ]; then
   cat "$summary"
 fi
 
-# A short training, twice, to check that it learns and is reproducible bit by bit; and once with OpenCL, which
-# must learn as well. Both back ends round differently, so that their results are not the same: test PSNRs may
-# differ by less than 0.3 dB. On an H200 it was 20.06 and 20.10 dB (docs/results/2026-11-26-h200.md).
+# A short training runs twice, to check that it learns and is reproducible bit by bit. It also runs once with
+# OpenCL, which must reach a similar quality. The two back ends round differently, so their results are not
+# identical, but the test PSNRs must differ by less than 0.3 dB. On an H200 they were 20.06 and 20.10 dB
+# (docs/results/2026-11-26-h200.md).
 reserve=$((reserve * 4 / 5))
 small=(--data "$data" --cap-max 50000 --init-points 20000 --save-renders 0 --overwrite)
 briefly=${GPU_CHECK_SHORT:-500}  # iterations

@@ -4,16 +4,16 @@
 
     GSPLAT_SOURCE=/path/to/gsplat tools/gsplat_tests.py [options of pytest]
 
-GSPLAT_SOURCE is a checkout of gsplat 1.6 (https://github.com/nerfstudio-project/gsplat); nothing in it is changed. The
+GSPLAT_SOURCE is a checkout of gsplat 1.6 (https://github.com/nerfstudio-project/gsplat); it is not modified. The
 tests run in a copy in which the device is the CPU and which has 400 Gaussians instead of 10 000. Their reference,
 gsplat's _rasterization(), needs CUDA, so here it is gsplat's projection, covariances and harmonics in float64 with a
-dense compositor. Tests of CUDA operators, 3DGUT, lidar and distribution are left out. Needs PyTorch and pytest, and the
+dense compositor. Tests of CUDA operators, 3DGUT, lidar and distribution are skipped. Needs PyTorch and pytest, and the
 package ubs (an installed one, or PYTHONPATH and UBS_LIBRARY).
 
     GSPLAT_SOURCE=/path/to/gsplat tools/gsplat_tests.py --picture MODEL.ply DATA [VIEW ...]
 
-draws test views (all, or those with these numbers) of a 3DGS file with ubs and with that reference, and prints the PSNR
-of one against the other. 20 000 Gaussians at 200x200 take 76 s a view on one core."""
+The second command renders test views of a 3DGS file (all, or those with these numbers) with ubs and with that
+reference. It prints the PSNR between the two images. 20 000 Gaussians at 200x200 take 76 s per view on one core."""
 
 from __future__ import annotations
 

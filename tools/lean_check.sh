@@ -1,11 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Builds the program in a new folder as for a minimal machine (no OpenCV, no OpenCL, libraries from a bundle).
-# Checks that it runs, which libraries it links, and that it reports what it cannot do. Takes minutes; run it
-# by hand, it is not part of ctest.
+# Checks that it runs, which libraries it links, and that it reports what it cannot do. It takes minutes. Run
+# it by hand, because it is not part of ctest.
 #   tools/lean_check.sh FOLDER [CMake option ...]
-# If there is a bundle already (FOLDER/bundle, made by tools/make_bundle.sh), it is used; it cannot be made on
-# a minimal machine.
+# An existing bundle in FOLDER/bundle is used. Otherwise tools/make_bundle.sh makes one, which is not possible
+# on a minimal machine.
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 folder=${1:?usage: lean_check.sh FOLDER [CMake option ...]}

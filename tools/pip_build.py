@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The build backend of pyproject.toml. It is scikit-build-core, and also shows the progress of the compilation on the
-terminal, which pip hides."""
+"""The build backend of pyproject.toml. It calls scikit-build-core. In addition, it shows the progress of the
+compilation on the terminal, because pip hides it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _progress() -> Iterator[None]:
         yield
     finally:
         sys.stdout.flush()
-        os.dup2(output, 1)  # closes the last end for writing, so the thread ends
+        os.dup2(output, 1)  # closes the last descriptor that writes to the pipe, so the thread ends
         thread.join()
         os.close(output)
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ubs reduce: removes splats and dimensions of a trained model that the training views do not need, down to a
-// number of splats or a size, or up to a bound or a loss of quality. It measures quality before and after,
-// and size and speed (docs/reduce.md).
+// ubs reduce: removes splats and dimensions of a trained model that the training views do not need. The limit
+// is a number of splats, a file size, a bound for the weights, or a loss of quality. The command measures the
+// quality before and after, the size and the speed (docs/reduce.md).
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -57,7 +57,8 @@ bool has_views(const Dataset& data, const char* name) {
   return split && !split->views.empty();
 }
 
-// Holds data, device and the original model. The views are those of train, followed by those of test.
+// Session contains the data, the device and the original model. The views are those of the split train,
+// followed by those of the split test.
 class Session {
  public:
   explicit Session(const ReduceOptions& options)
@@ -104,7 +105,8 @@ class Session {
     return quality(groups, renderer, train_).mean.psnr_channel_mean;
   }
 
-  // Measures the quality of both models. With `details`, on the training views too, and the times.
+  // Measures the quality of both models. With `details`, also measures the quality on the training views, and
+  // the times.
   void compare(const Reduced& reduced, ReductionReport& report, bool details) {
     const DeviceGroups after(*device_, reduced.model, config());
     Renderer renderer(*device_, after.stages());
@@ -164,7 +166,7 @@ std::size_t wanted_splats(const ReduceOptions& options) {
 }
 
 // Returns the bound that keeps the `wanted` splats with the largest contributions. Splats with the same
-// contribution go together.
+// contribution are either all kept or all removed.
 double bound_for_splats(const Contributions& contributions, std::size_t wanted) {
   std::vector<float> most = contributions.most;
   if (wanted >= most.size()) return 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ReductionReport has the results of `ubs reduce`, which are written as JSON and as a table.
+// ReductionReport contains the results of `ubs reduce`. They are written as JSON and as a table.
 #pragma once
 
 #include <optional>

@@ -146,7 +146,7 @@ std::optional<ChosenLens> lens_of(const RenderOptions& options) {
 // Drawing renders the views of a split. A view with --lens is composed of the images of several cameras.
 class Drawing {
  public:
-  // With a lens, the sizes of the cameras of `split` become those of the images.
+  // With a lens, the cameras of `split` get the size of the images.
   Drawing(std::optional<ChosenLens> lens, const RenderOptions& options, const LoadedModel& model,
           const TrainSettings& settings, Split& split, bool depth)
       : lens_(std::move(lens)),
@@ -203,7 +203,8 @@ std::vector<RenderedView> gather(RenderedView own, std::span<const View> views) 
   return all;
 }
 
-// The same colours for the same depth throughout: the range of a few views stands for all.
+// Returns one depth range for all views, so that a depth has the same colour in every view. The range is that
+// of a few of the views.
 DepthRange common_range(Drawing& drawing, std::size_t views) {
   constexpr std::size_t kSamples = 8;
   DepthRange range;

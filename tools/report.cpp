@@ -39,8 +39,8 @@ struct ReportOptions {
   bool json = false, no_viewer = false, overwrite = false;
 };
 
-// A model and its coordinates: relative to `offset`, or, for a checkpoint, to the offset that the loader of
-// the data chooses.
+// A model with its coordinates. They are relative to `offset`. For the model of a checkpoint, they are
+// relative to the offset that the loader of the data chooses.
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
@@ -94,8 +94,9 @@ RunModel open_run_model(RunRecord& run) {
 
 struct Views {
   Split split;
-  std::string data;  // where the data come from
-  // cameras, names and images of the training views are those of the run, as far as the run states them
+  std::string data;  // path of the data
+  // True if cameras, names and images of the training views are those of the run, as far as the run states
+  // them.
   bool same = true;
 };
 
@@ -205,7 +206,7 @@ void remark_on_splats(RunRecord& run, const MixedModel& model) {
   if (far > 0)
     run.remarks.push_back(
         fmt::format("{} of {} splats are more than {} extents away from the centre of the model: they are "
-                    "distant surroundings, or floaters that no two cameras see",
+                    "distant surroundings, or floaters that at most one camera sees",
                     far, at[0].size(), kFar));
 }
 
@@ -286,7 +287,7 @@ ReportViewer viewer_if_packed(ReportRun& run, const LoadedModel& loaded,
   }
 }
 
-// `viewer` becomes that of the first run that has a model.
+// Sets `viewer` to the viewer of the first run that has a model.
 std::vector<ReportRun> open_runs(ReportOptions& options, ReportViewer& viewer) {
   std::vector<ReportRun> runs;
   std::shared_ptr<Device> device;

@@ -43,11 +43,11 @@ gate_drivers=(mesa-opencl-icd intel-opencl-icd)
 usage() {
   cat <<TEXT
 usage: tools/setup.sh demo|test|build|gates
-  demo   build, make two embedded scenes, train on them: results in out/demo
+  demo   build, write two built-in scenes and train on them; the results are in out/demo
   test   build and run all tests
   build  build only: $build/ubs
-  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; UBS_GATES=intel or all: also 840 MB
-         of Intel's runtime for CPUs, UBS_GATES=off: nothing
+  gates  only fetch the tools of the gates (tests/gates/README.md), as test does; with UBS_GATES=intel or all, also
+         fetch 840 MB of Intel's runtime for CPUs; with UBS_GATES=off, fetch nothing
 Missing Debian packages are installed first (as root or with sudo).
 TEXT
 }
@@ -156,11 +156,11 @@ fetch_pypi() {
 run_tests() {
   if [ ! -e /dev/nvidiactl ]; then  # one architecture is enough for tests without a card
     export CUDAARCHS=${CUDAARCHS:-90}
-    echo "No NVIDIA device: CUDA code, if any, is for sm_$CUDAARCHS alone ('tools/setup.sh build': all cards)."
+    echo "No NVIDIA device: CUDA code, if any, is only compiled for sm_$CUDAARCHS ('tools/setup.sh build': all cards)."
   fi
   build
   "$build/ubs" devices
-  # Without -q: grep must read to the end, or pipefail would report ctest's broken pipe.
+  # grep has no -q, because it must read to the end. Otherwise pipefail would report ctest's broken pipe.
   if ! ctest --test-dir "$build" -N -L pocl | grep 'Test *#' >/dev/null; then
     echo "No OpenCL test is registered."
     exit 1

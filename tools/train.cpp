@@ -249,9 +249,9 @@ std::vector<std::uint64_t> deal_by_speed(const Start& start, Device& device, con
   return Deal(static_cast<std::uint64_t>(start.settings.batch), ranks().size(), measured).counts();
 }
 
-// Throws Error(usage) for options that a run of several ranks does not support. For --budget the clocks of
-// their machines would have to agree on the speed of the run; for --serve no rank has the complete model that
-// a viewer would see.
+// Throws Error(usage) for options that a run of several ranks does not support. --budget would require that
+// the clocks of all machines agree on the speed of the run. --serve would require that one rank has the
+// complete model to show it to viewers.
 void check_shared(const TrainOptions& options) {
   if (!options.start.budget.empty())
     fail(ErrorKind::usage, "--budget is not supported with several MPI processes: use --iterations");
@@ -292,7 +292,7 @@ int run(const TrainOptions& options) {
   const std::unique_ptr<serve::Server> server = options.serve.open();
   std::optional<EndOnRequest> beforehand(
       "\nubs: interrupted before the first iteration; nothing was written\n");
-  // Refuses a device that is not there before the data are read, which may take minutes.
+  // Rejects a missing device now, because reading the data may take minutes.
   choose_device(list_devices(), device_of_rank(options.device));
   if (options.talkative()) log_line(LogLevel::notice, fmt::format("reading {}", start.data));
   Dataset data = open_dataset(start.data, {"train", "test"}, settings, Images::load);

@@ -25,7 +25,7 @@ constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
   constexpr int kUnsaid = 0;
   const bool asked = !budget.empty();
-  // Throws for an invalid or hopeless budget before anything is loaded.
+  // Throws for a budget that is invalid or too short, before anything is loaded.
   if (asked && time_budget_seconds(budget) < kLeastBudget)
     fail(ErrorKind::usage, "--budget {}: a training takes at least {:g} s: increase the budget", budget,
          kLeastBudget);
@@ -77,8 +77,8 @@ bool is_left_empty(const std::filesystem::path& folder) {
   }
 }
 
-// Throws an explanation if the file is of a kind that is often passed by mistake, recognised by its
-// extension.
+// Throws an error with an explanation if the extension shows that the file is of a kind that is often passed
+// by mistake.
 void check_kind(const std::filesystem::path& data) {
   if (is_folder(data)) return;
   const std::string extension = small_extension(data);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Start holds what a training run starts from. It is made from the options of `ubs train`, or from the
-// checkpoint of a run to resume, which must have the same data, device and settings. `ubs plan` uses it to
-// find out what a new run would be.
+// Start contains the inputs of a training run: settings, data and output folder. It is made from the options
+// of `ubs train`, or from the checkpoint of a run to resume, which must have the same data, device and
+// settings. `ubs plan` uses it to determine the settings of a new run.
 #pragma once
 
 #include <filesystem>

@@ -49,9 +49,9 @@ web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, co
   return page;
 }
 
-// Draws the poster of the page and saves it if the user asked for its file. `device` is opened if it is not
-// open yet, as for an exact page. Without --poster, a machine that cannot draw is no error: the page is then
-// black until its first frame, and a note says so.
+// Renders the poster of the page and saves it if the user asked for its file. Opens a device if `device` is
+// null, as for an exact page. If this machine cannot render, this is only an error with --poster. Without
+// --poster, a remark is printed, and the page is black until its first frame.
 std::string poster_of(const WebOptions& options, std::shared_ptr<Device> device, const MixedModel& model,
                       const TrainSettings& settings, const Camera& camera) {
   try {

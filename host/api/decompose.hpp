@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decomposes a model by its betas, as in the interpretability figures of the papers: selects the splats whose
-// raw beta is in an interval of quantiles. Low betas are surfaces (spatial), diffuse colour (angular) and
-// static parts (temporal); high betas are texture, highlights and motion. The selection is computed on the
-// host. It works for every variant of the method that trains the beta in question.
+// raw beta is in an interval of quantiles. Low betas belong to surfaces (spatial), diffuse colour (angular)
+// and static parts (temporal); high betas belong to texture, highlights and motion. The selection is computed
+// on the host. It works for every variant of the method that trains the beta in question.
 #pragma once
 
 #include <array>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Distiller converts a model at one moment to Gaussians with spherical harmonics that look like it. It starts
-// from the closed form (reduce_splats.hpp) and trains it on images that the model itself renders for the
-// given cameras.
+// Distiller converts a model at a fixed time to Gaussians with spherical harmonics whose images resemble
+// those of the model. It starts from the closed form (reduce_splats.hpp) and trains it on images that the
+// model itself renders for the given cameras.
 #pragma once
 
 #include <memory>

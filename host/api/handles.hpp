@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file has the structures behind the handles of include/ubs/ubs.h, and the code that turns exceptions
-// into error codes. Each file of this folder implements one section of ubs.h.
+// This file contains the structures that the handles of include/ubs/ubs.h point to, and the code that
+// converts exceptions to error codes. Each file of this folder implements one section of ubs.h.
 #pragma once
 
 #include <algorithm>

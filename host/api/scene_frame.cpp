@@ -13,7 +13,8 @@ namespace {
 constexpr double kFov = 0.87;
 constexpr double kUnlevel = 1e-3;  // variance of the sine of the roll angle of a hand-held camera
 constexpr int kPowerSteps = 4;
-// Minimum for a floor; lego on its plate: 5; a standing figure, a street: below 2
+// Minimum ratio of the thicknesses of the two layers that scene_frame() compares to find a floor. Lego on its
+// plate has 5; a standing figure and a street have less than 2.
 constexpr double kFloorRatio = 3;
 // Without cameras: splats farther from the median than this multiple of the median distance are stray splats,
 // or the surroundings of the photographed object. A uniform ball needs 1.26; a figure with seven eighths of
@@ -24,8 +25,8 @@ constexpr double kShown = 0.995, kMargin = 1.05;
 // Widest gap between neighbouring cameras around a scene that counts as seen from all sides [rad]. Four
 // cameras on a circle are 90 degrees apart.
 constexpr double kWidestGap = 1.75;
-constexpr double kLeastSideways = 0.1;         // share of a camera's distance, for it to stand on a side
-constexpr int kAzimuths = 12;                  // number of directions from which it must fit
+constexpr double kLeastSideways = 0.1;         // minimum sideways share of a camera's distance
+constexpr int kAzimuths = 12;                  // number of directions from which the scene must fit
 constexpr std::size_t kEnoughSplats = 100000;  // more splats do not change the medians visibly
 
 struct Splat {
@@ -190,7 +191,7 @@ Vec3 up_from_floor(const std::vector<Splat>& splats, const Vec3& otherwise) {
   return up;
 }
 
-// Returns whether the cameras stand on all sides of the frame's centre: around the up axis, no two neighbours
+// Returns whether the cameras are on all sides of the frame's centre: around the up axis, no two neighbours
 // are more than kWidestGap apart. Cameras above or below the centre have no side.
 bool on_all_sides(const SceneFrame& frame, std::span<const Camera> cameras) {
   const Vec3 side = perpendicular(frame.up), other = cross(frame.up, side);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SceneFrame has what camera paths and viewers need to know about a scene: its centre, its up direction, and
-// the distance to look from. It is estimated from the cameras of the data if there are any, otherwise from
-// the splats alone. Stray splats and cameras have little influence, because all estimates are medians.
+// SceneFrame describes a scene for camera paths and viewers: its centre, its up direction, and the distance
+// to look from. It is estimated from the cameras of the data if there are any, otherwise from the splats
+// alone. Stray splats and cameras have little influence, because all estimates are medians.
 #pragma once
 
 #include <optional>

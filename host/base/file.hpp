@@ -4,8 +4,8 @@
 // the path.
 //
 // When commit() returns, the results are on the disk: the file is synchronised before it is renamed, and its
-// folder afterwards. So after a power failure there is either the old file or the new one. If a file is
-// there, so are all files that were written before it.
+// folder afterwards. So after a power failure there is either the old file or the new one. If a file
+// exists then, all files that were written before it exist too.
 #pragma once
 
 #include <cstddef>
@@ -54,7 +54,8 @@ class AtomicFile {
   void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
   void commit();
 
-  // The name for encoders that need one, and for parts of the file that other processes write.
+  // Returns the name of the temporary file, for encoders that need a name, and for parts of the file that
+  // other processes write.
   const std::filesystem::path& temporary() const { return temporary_; }
   // Skips `bytes`, which another process writes to temporary() (PartOfFile).
   void skip(std::uint64_t bytes);

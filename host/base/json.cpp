@@ -21,9 +21,9 @@ constexpr std::uint64_t kBytesAValue = 256;
 constexpr std::uint64_t kSmallJson = 16 << 20;  // bytes that every process has available
 
 // Builds the values that sax_parse reads, in time proportional to the text. The library's own builder
-// searches all members of an object for each further one, and with a callback it searches all members of a
-// parent at each end. If several members have the same name, the last value is used, at the position of the
-// first.
+// searches all members of an object for each further one, and with a callback it also searches all members of
+// the parent whenever a nested value ends. If several members have the same name, the last value is used, at
+// the position of the first.
 class JsonBuilder : public nlohmann::json_sax<Json> {
  public:
   JsonBuilder(const std::string& name, Convert convert) : name_(name), convert_(convert) {}

@@ -41,7 +41,7 @@ std::uint64_t memory_left();
 std::uint64_t memory_available();
 
 // Throws Error(memory) if `bytes` exceeds memory_available(). The message starts with `what` and contains the
-// numbers. For sizes that are read from a file.
+// numbers. This function is for sizes that are read from a file.
 void require_memory(std::uint64_t bytes, const std::string& what);
 
 // Throws Error(memory) if the limits of the process leave too little memory for an OpenCL driver.

@@ -26,7 +26,7 @@ std::string decode_text(std::string_view text);
 std::string duration_text(double seconds);
 
 // Returns at most about 2000 bytes. Longer text is reduced to its start and end, with the number of omitted
-// bytes between them. For messages that quote the contents of a file.
+// bytes between them. This function is for messages that quote the contents of a file.
 std::string shortened(std::string_view text);
 
 // Returns a word for a POSIX shell that stands for these bytes. It is quoted only if necessary.

@@ -54,8 +54,8 @@ Finding check_gradient(StageRun& run, const FormVectors& e) {
   return worst.finding();
 }
 
-// Returns the number of values that differ in their bits. So NaN equals itself, and zeros of different sign
-// differ.
+// Returns the number of values that are not bit-identical. A NaN therefore equals itself, and zeros of
+// different sign differ.
 double differing(const std::vector<float>& a, const std::vector<float>& b) {
   double count = 0;
   for (std::size_t i = 0; i < a.size(); ++i)

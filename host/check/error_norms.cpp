@@ -20,7 +20,7 @@ void ErrorSum::add(double value, double truth) {
 
 void ErrorSum::add(std::span<const float> values, std::span<const double> truth) {
   if (values.size() != truth.size())
-    fail(ErrorKind::internal, "{} values compared with {}", values.size(), truth.size());
+    fail(ErrorKind::internal, "{} values are compared with {} reference values", values.size(), truth.size());
   for (std::size_t i = 0; i < values.size(); ++i) add(values[i], truth[i]);
 }
 

@@ -29,8 +29,9 @@ struct Problem {
   std::vector<std::uint8_t> undecided;
 };
 
-// StageTruth has the result of each stage, given the results of the stages before it rounded to float32. So
-// each array is at the same time what one stage should compute and, rounded, what the next one is given.
+// StageTruth contains the exact result of each stage. The inputs of a stage are the results of the previous
+// stages, rounded to float32. Each array is therefore the expected result of one stage and, after rounding,
+// the input of the next one.
 struct StageTruth {
   std::vector<std::uint8_t> visible;  // one per splat
   // Projected splats in the layout of kernels/layout.h (count, kSplatStride). Invisible splats are far away

@@ -27,7 +27,7 @@ constexpr double kPriorAngle = 5e-3;
 constexpr int kSteps = 30;
 constexpr double kSettled = 1e-4;  // stop when a step lowers the cost by less than this share
 constexpr std::size_t kMatchedWith = 12, kMinSights = 3;
-// A camera is aligned only if its image shows this many corners of tracks
+// A camera is aligned only if its image shows at least this many corners that belong to tracks
 constexpr std::size_t kMinSeen = 24;
 
 using Row6 = cv::Matx<double, 2, 6>;

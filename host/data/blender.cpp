@@ -85,7 +85,8 @@ void complete_view(PendingView& pending, const Node& file, const DatasetOptions&
     const ImageInfo info = image_file_info(pending.image);
     view.file = pending.image;
     original = info.size;
-    // Discarded: every reduced image would give the same note, and rescaling is normal in this layout.
+    // These notes are discarded, because every reduced image would cause the same note, and rescaling is
+    // normal in this layout.
     LoadReport notes;
     if (stated) check_image_size(original, *stated, pending.image.string(), notes);
     view.opaque = info.opaque;

@@ -53,7 +53,7 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
          model.unplaced.size());
   if (model.images.empty()) fail(ErrorKind::data, "{}: the model has no images", model_folder.string());
   if (model.scaled_colours)
-    scene.report.note_difference("colours of points3D.txt from 0 to 1, read as 0 to 255");
+    scene.report.note_difference("the colours of points3D.txt are from 0 to 1, and are scaled to 0 to 255");
 
   describe_cameras(model, scene.report);
   // Without a folder `images`, look for the images next to the model: `ubs cameras` does not move the

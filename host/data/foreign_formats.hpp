@@ -37,8 +37,8 @@ ImportedSplats read_compressed_ply(const std::filesystem::path& path);
 ImportedSplats read_spz(const std::filesystem::path& path);
 ImportedSplats parse_spz(std::span<const std::byte> payload, const std::string& name);  // v2, v3, unpacked
 void write_spz(const std::filesystem::path& path, const ImportedSplats& splats);        // version 3
-// Describes what write_spz() loses besides rounding to 1/4096 and 8 bits: finer positions, and values out of
-// range.
+// Returns sentences about losses of write_spz() beyond the usual rounding to 1/4096 and to 8 bits: a coarser
+// rounding of positions, and values that are out of range.
 std::vector<std::string> spz_remarks(const ImportedSplats& splats);
 
 // .splat file with 32 bytes per splat: position and scale (float32), colour and opacity, quaternion (8 bit
@@ -54,8 +54,8 @@ ImportedSplats parse_glb(std::span<const std::byte> file, const std::string& nam
 void write_glb(const std::filesystem::path& path, const ImportedSplats& splats);
 
 // SOG: meta.json and lossless WebP images with one pixel per splat, either in a ZIP archive or as files next
-// to meta.json. The axes are those of PLY files. Versions 2 and 1 are read; a ZIP archive of version 2 is
-// written.
+// to meta.json. The axes are those of PLY files. The reader supports versions 1 and 2. The writer creates a
+// ZIP archive of version 2.
 ImportedSplats read_sog(const std::filesystem::path& path);
 // Does not remove splats, so the indices are those of the file.
 ImportedSplats load_sog(const std::filesystem::path& path);
@@ -71,10 +71,10 @@ ImportedSplats read_streamed_sog(const std::filesystem::path& path);
 
 // OpenUSD text with the schema UsdVol ParticleField3DGaussianSplat of OpenUSD 26.03: y up, rotated like SPZ,
 // with the offset as a translation in double precision.
-// A series becomes one file with one time sample per moment, at the time codes 0, 1, 2, ...; attributes that
-// are the same at all moments are stored once.
+// A series becomes one file. Its time samples have the time codes 0, 1, 2, ...; attributes that are the same
+// at all time samples are stored once.
 // The reader loads the float or half attributes of all splat prims in the layer itself. If the file has time
-// samples, it loads the first one, or the one nearest to `time`, which goes from 0 (first) to 1 (last). Prims
+// samples, it loads the first one, or the one nearest to `time`, which is from 0 (first) to 1 (last). Prims
 // may be translated, but not rotated or scaled. Throws Error(usage) if a time is given and the file has no
 // time samples.
 ImportedSplats read_usda(const std::filesystem::path& path);

@@ -133,7 +133,7 @@ void refuse_nan(const std::string& text, const std::string& name, const char* li
   Json json;
   try {
     json = parse_json(with_marked_nan(text), name);
-  } catch (const Error&) {  // also damaged in another way, which the first error describes
+  } catch (const Error&) {  // the text is also damaged in another way, which the first error describes
     return;
   }
   if (json.is_object() && json.contains(list) && json[list].is_array())

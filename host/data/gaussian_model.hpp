@@ -10,15 +10,15 @@
 namespace ubs {
 
 // Makes a model with dim 3 and rot_mode quaternion. The colour mode is sh0 to sh3 (degree 4 is truncated) or
-// sb1 to sb3; kernel and antialias are those of the splats. Scales go through the inverse of softplus: the
-// relative error is at most 2e-6, that of float32 raw values.
+// sb1 to sb3; kernel and antialias are those of the splats. Scales are converted with the inverse of
+// softplus. Their relative error is at most 2e-6, which is that of float32 raw values.
 SplatModel exact_model(const ImportedSplats& splats);
 
 // Returns whether the model has N = 3 and the Gaussian kernel; rotation and colour may be of any mode.
 bool is_gaussian_model(const SplatModel& model);
 
-// Returns the splats of a model of N = 3, as its PLY, SPZ or .splat file holds them. Plain colours become
-// constant harmonics. Splats that no renderer could show are dropped and counted in the report.
+// Returns the splats of a model of N = 3 with the values that PLY, SPZ and .splat files store. Plain colours
+// become constant harmonics. Splats that no renderer could show are dropped and counted in the report.
 ImportedSplats to_imported_splats(const SplatModel& model);
 
 // harmonic_degree() returns the degree of the harmonics that hold the colours of a model, 0 for plain

@@ -29,14 +29,14 @@ Names names_of(SpatialKernel kernel) {
   return kernel == SpatialKernel::beta ? Names{"sh0_", "shN_"} : Names{"f_dc_", "f_rest_"};
 }
 
-// Returns the number of lobes per splat of a DBS file. Returns 0 and adds a note unless it is 1 to 3 lobes
-// with harmonics of degree 0, which is the default of DBS and can be rendered here.
+// Returns the number of lobes per splat of a DBS file. Only 1 to 3 lobes with harmonics of degree 0, which
+// are the default of DBS, can be rendered here. For other files with lobes, adds a note and returns 0.
 int lobes_of(std::size_t values, ImportedSplats& splats) {
   if (values == 0) return 0;
   if (values % 6 == 0 && values <= 18 && splats.sh_degree == 0) return static_cast<int>(values / 6);
   splats.report.note(
       fmt::format("the spherical Beta lobes of the colours are dropped ({} values with harmonics of degree "
-                  "{}; supported are 1 to 3 lobes with 6 values each, and harmonics of degree 0)",
+                  "{}; only 1 to 3 lobes with 6 values each and harmonics of degree 0 are supported)",
                   values, splats.sh_degree));
   return 0;
 }

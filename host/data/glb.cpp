@@ -107,7 +107,7 @@ GlbFile open_glb(std::span<const std::byte> file, const std::string& name) {
 
 struct Component {
   std::size_t bytes = 4;
-  double most = 1;  // value that stands for 1 if the accessor is normalised
+  double most = 1;  // value that represents 1 if the accessor is normalised
 };
 Component component_of(int type, const std::string& name) {
   switch (type) {

@@ -37,9 +37,9 @@ ImageSize image_file_size(const std::filesystem::path& path);
 // otherwise round(v / 257).
 Image8 load_image(const std::filesystem::path& path, const std::array<double, 3>& background = {0, 0, 0});
 
-// Loads a mask file with 8 or 16 bits as a grey image: its alpha unless that is 1 everywhere, otherwise its
-// brightest channel. Throws Error(data) unless the mask has the aspect ratio of `image`; it may have the size
-// of the full image if `image` is reduced.
+// Loads a mask file with 8 or 16 bits as a grey image. Its values are the alpha channel of the file, or the
+// brightest channel if alpha is 1 everywhere. Throws Error(data) unless the mask has the aspect ratio of
+// `image`; it may have the size of the full image if `image` is reduced.
 Image8 load_mask_image(const std::filesystem::path& path, const Image8& image);
 // Sets image.mask from a mask image that was undistorted and reduced like the image itself. A pixel counts if
 // it is at least half white.

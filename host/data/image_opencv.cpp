@@ -96,9 +96,9 @@ double srgb_from_linear(double v) {
   return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
 }
 
-// Composites a float image (EXR), which holds linear light, premultiplied with alpha. The result equals that
-// of the same render saved as PNG: the straight colour goes through the sRGB curve and is then mixed with the
-// background.
+// Composites a float image (EXR), which contains linear light, premultiplied with alpha. The result equals
+// that of the same render saved as PNG: the straight colour is converted with the sRGB curve and then mixed
+// with the background.
 Image8 composite_linear(const cv::Mat& image, const std::array<double, 3>& background,
                         const std::string& name) {
   const int channels = image.channels();

@@ -35,9 +35,9 @@ ImageInfo decoded_info(const std::filesystem::path& path) { without_opencv(path.
 std::vector<std::byte> encode_webp(const Rgba8&) { without_opencv("SOG files"); }
 Rgba8 decode_webp(std::span<const std::byte>, std::size_t, const std::string& name) { without_opencv(name); }
 Image8 undistort(const Image8&, const Undistortion&) { without_opencv("undistorting images"); }
-CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("axes of covariances of foreign splats"); }
+CovarianceAxes covariance_axes(const Matrix3&) { without_opencv("computing the axes of covariances"); }
 CovarianceAxes covariance_axes(const double (&)[3][3]) {
-  without_opencv("axes of covariances of foreign splats");
+  without_opencv("computing the axes of covariances");
 }
 Alignment align_cameras(std::span<const View>) { return {}; }
 Triangulation triangulate(std::span<const View>, std::size_t, std::uint64_t) { return {}; }

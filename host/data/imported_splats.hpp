@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImportedSplats holds splats of other tools as their files store them: positions, axes (of the Gaussian, or
-// of the support for DBS), rotations, opacities and spherical harmonics. Importers return it and writers of
-// third-party formats take it. It has all that an exact rasteriser of Gaussians with spherical harmonics
-// would need.
+// ImportedSplats contains splats of other tools with the values that their files store: positions, axes (of
+// the Gaussian, or of the support for DBS), rotations, opacities and spherical harmonics. Importers return
+// this struct, and writers of third-party formats take it as their input. It contains all values that an
+// exact rasteriser of Gaussians with spherical harmonics would need.
 #pragma once
 
 #include <array>

@@ -110,8 +110,8 @@ std::vector<std::byte> deflate_runs(std::span<const std::byte> plain) {
 
 std::vector<std::byte> inflate_zstd(std::span<const std::byte> packed, std::size_t size,
                                     const std::string& name) {
-  // The frame states its size. Refuse it before decompressing if this differs from the size in the table of
-  // contents.
+  // The frame states its decompressed size. If this size differs from that in the table of contents, the
+  // frame is refused before it is decompressed.
   const unsigned long long stated = ZSTD_getFrameContentSize(packed.data(), packed.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || (stated != ZSTD_CONTENTSIZE_UNKNOWN && stated != size))
     fail(ErrorKind::data, "{}: a Zstandard stream is damaged, or its size differs from the table", name);

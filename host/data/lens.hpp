@@ -25,7 +25,7 @@ struct LensFormula {
   // nullopt if the lens maps no position to this ray, or if the formula is not defined for it.
   std::optional<PlanePoint> (*project)(const LensCoefficients& k, const Ray& ray);
   std::optional<Ray> (*unproject)(const LensCoefficients& k, const PlanePoint& position);
-  // The camera is a pinhole camera if this many first coefficients are 0; -1: it never is.
+  // The camera is a pinhole camera if the first zero_for_pinhole coefficients are 0; -1: it is never one.
   int zero_for_pinhole;
   bool all_directions = false;  // the image shows all directions, and its left and right borders meet
 };

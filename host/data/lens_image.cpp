@@ -95,7 +95,7 @@ LensImage::LensImage(const WideLens& wide, const std::string& where)
 }
 
 void LensImage::check_complete() const {
-  // plan_faces() leaves out faces with very few pixels.
+  // plan_faces() skips faces with very few pixels.
   constexpr int kGrid = 64;
   for (int j = 0; j < kGrid; ++j)
     for (int i = 0; i < kGrid; ++i)

@@ -97,7 +97,7 @@ struct Sequence {
   int frames() const { return video ? video_frames(*video) : static_cast<int>(files.size()); }
 };
 
-// Returns the frames to use from every camera. Frames that the shortest sequence does not have are left out
+// Returns the frames to use from every camera. Frames that the shortest sequence does not have are skipped
 // for all cameras, so that the cameras stay synchronous.
 std::vector<int> chosen_frames(const std::vector<Sequence>& cameras, const DatasetOptions& options,
                                LoadReport& report) {
@@ -154,8 +154,8 @@ void add_video(std::vector<View>& views, const Sequence& sequence, const std::ve
                const Row& row, const DatasetOptions& options, LoadReport& report) {
   const ImageSize size = video_size(*sequence.video);
   View prototype;
-  // All frames of a video have the same size. attach_image cannot read it from a file, so the lens is scaled
-  // to it.
+  // All frames of a video have the same size. attach_image cannot read this size from a file, so the lens is
+  // scaled to it before the call.
   attach_image(prototype, row.lens.scaled_to(size.width, size.height), {}, {}, options, report);
   prototype.opaque = true;
   prototype.camera.rotation = row.camera.rotation, prototype.camera.translation = row.camera.translation;
@@ -231,7 +231,7 @@ LoadedScene load_llff(const fs::path& folder, const DatasetOptions& options) {
   const std::vector<Row> rows = read_rows(root.check(folder / "poses_bounds.npy"));
   const fs::path images = folder / (options.read.images == "auto" ? "images" : options.read.images);
   auto videos = sorted_entries(folder, is_video);
-  // Next to images, a video may be a walk through the scene.
+  // In a folder that also has images, a video may show a walk through the scene.
   const bool ignores_videos = videos.size() != rows.size() && is_folder(images);
   const std::size_t ignored = ignores_videos ? videos.size() : 0;
   if (ignores_videos) videos.clear();

@@ -71,20 +71,20 @@ double length_of(const std::array<double, 3>& v) { return std::hypot(v[0], v[1],
 // Positions of cameras are the same if they differ by rounding errors of the files, which are relative to the
 // distance from the origin. At the origin there is no distance to compare with, so positions within
 // kLeastRounding are the same: if the data are in kilometres, this is a hundredth of a millimetre. Far from
-// the origin, positions that differ by more than kMostRounding are different: georeferenced data have the
-// digits for it.
+// the origin, positions that differ by more than kMostRounding are different, because georeferenced data have
+// enough digits to distinguish them.
 constexpr double kPositionRounding = 1e-7, kLeastRounding = 1e-8, kMostRounding = 1e-4;
 
-// Returns whether all cameras have the same position. Once the offset is subtracted, only rounding errors may
-// be left of the positions, so that at_one_place() could not decide it.
+// Returns whether all cameras have the same position. This must be decided before the offset is subtracted:
+// afterwards, the positions may consist only of rounding errors, for which at_one_place() cannot decide it.
 bool stand_at_one_place(const Split& split) {
   const double rounding = kPositionRounding * length_of(mean_position(split));
   return position_spread(cameras_of(split)) <= std::clamp(rounding, kLeastRounding, kMostRounding);
 }
 
-// Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero. It is
-// rounded to whole units. If these are large compared with the extent, so that coordinates relative to them
-// could still be far from the origin, it is rounded to a power of ten below the extent.
+// Returns the rounded mean of the camera positions if they are far from the origin, otherwise zero. The mean
+// is rounded to whole units. If a unit is so large compared with the extent that coordinates relative to the
+// rounded mean could still be far from the origin, the mean is rounded to a power of ten below the extent.
 std::array<double, 3> choose_offset(const Split& split, bool one_place) {
   std::array<double, 3> mean = mean_position(split);
   const double extent = split.views.size() < 2 ? 0 : scene_extent(split.views);
@@ -160,11 +160,12 @@ std::vector<fs::path> pictures_in(const fs::path& folder) {
 
 namespace {
 
-// Files with pictures that ubs does not read. In `command`, {0} is the file and {1} its extension.
+// Files that contain images but that ubs does not read as images. In `command`, {0} is the file and {1} its
+// extension.
 struct OtherPictures {
   const char* what;
   std::initializer_list<std::string_view> extensions;
-  const char* command;  // makes images of the files, in their folder
+  const char* command;  // converts the files to images in the same folder
 };
 
 const OtherPictures kVideo{
@@ -202,8 +203,8 @@ std::string how_to_make_images(const fs::path& path) {
           "find their cameras with 'ubs cameras photos'",
           shell_word(path.string()));
     return kind ? fmt::format(
-                      "this is one {}, which ubs does not read: convert all in its folder ('{}'), then pass "
-                      "the "
+                      "this is one {}, which ubs does not read: convert all photographs in its folder "
+                      "('{}'), then pass the "
                       "folder to 'ubs cameras'",
                       kind->what, conversion_of(*kind, path))
                 : std::string();
@@ -225,7 +226,8 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
   for (const auto& [option, given] :
        {std::pair{"--images", options.read.images != usual.read.images},
         std::pair{"--colmap-model", options.read.colmap_model != usual.read.colmap_model},
-        // 0 means that no training views are held out, which is also true if the data have test views.
+        // 0 means that no training views are held out. This is also true for data that state their test
+        // views.
         std::pair{"--test-every",
                   options.read.test_every != usual.read.test_every && options.read.test_every != 0},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
@@ -241,8 +243,8 @@ struct Layout {
   bool (*recognise)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
   std::string_view has;  // files by which it is recognised, for messages
-  // Those of --images, --test-every and --frames that the loader uses. Empty if the loader refuses unused
-  // ones itself.
+  // The options that the loader uses, from the list in refuse_unused(). Empty if the loader itself refuses
+  // the options that it does not use.
   std::string_view used;
   bool refuses_itself = false;
 };

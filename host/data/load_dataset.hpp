@@ -55,9 +55,10 @@ bool has_image_extension(const std::filesystem::path& path);
 // Returns the image files in a folder, sorted, without those in subfolders. Returns nothing if the folder
 // does not exist.
 std::vector<std::filesystem::path> pictures_in(const std::filesystem::path& folder);
-// Returns what to do with pictures that ubs does not read: HEIC and camera RAW photographs, and videos. For
-// such a file, or for a folder with such files (also in its subfolder `images`), the text says what they are
-// and has the command that makes images of them. For other paths the text is empty.
+// Returns a text that says how to convert files that ubs does not read as images: HEIC and camera RAW
+// photographs, and videos. For such a file, or for a folder with such files (also in its subfolder `images`),
+// the text says what they are and contains the command that converts them to images. For other paths the text
+// is empty.
 std::string how_to_make_images(const std::filesystem::path& path);
 // Returns the names of the files in the folder that hold cameras, such as transforms.json; "" if there are
 // none.
@@ -81,9 +82,10 @@ LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions&
 // The background and the reduction are those the file was packed with; requesting others is an error.
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
-// Throws Error(usage) if one of --images, --test-every and --frames is not listed in `used` and is set to
-// another value than its default, because it would be ignored. --test-every 0 is accepted. Not called for packed files, because the
-// settings of a run are also used with a packed copy of its data.
+// Throws Error(usage) if one of --images, --colmap-model, --test-every and --frames is not listed in `used`
+// and has a value other than its default, because this value would be ignored. --test-every 0 is accepted.
+// This function is not called for packed files, because the settings of a run are also used with a packed
+// copy of its data.
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);
 
 // Converts cameras from coordinates relative to `from` to coordinates relative to `to` (both in the world).

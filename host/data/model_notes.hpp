@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ModelNotes is the information in the header of a ubs model file besides the splats: settings for rendering
-// the model, and some training cameras. It is stored in comment lines, which other readers, including the
-// published one, skip:
+// ModelNotes is the information in the header of a ubs model file in addition to the splats: settings for
+// rendering the model, and some training cameras. It is stored in comment lines, which other readers,
+// including the published one, skip:
 //   ubs_drawn background=1,1,1 alpha_min=0 ...
 //   ubs_lens WIDTH HEIGHT FX FY
 //   ubs_camera QW QX QY QZ X Y Z TIME       world to camera, position in the coordinates of the model
@@ -22,7 +22,7 @@ namespace ubs {
 
 struct ModelNotes {
   std::vector<std::pair<std::string, std::string>>
-      // Settings (kOfDrawing) with their values as text in the form of --set.
+      // Settings (kOfDrawing) with their values as text in the syntax of --set.
       drawing;
   std::vector<Camera> cameras;  // some of the training cameras, in their order
   std::optional<Vec3> up;
@@ -34,8 +34,8 @@ inline constexpr std::size_t kNotedCameras = 12;  // about 100 numbers
 ModelNotes make_notes(std::vector<std::pair<std::string, std::string>> drawing,
                       std::span<const Camera> cameras);
 std::vector<std::string> comments_of(const ModelNotes& notes);
-// Parses the comments of a header. Values that are not there stay empty, and unknown keys are skipped. Throws
-// Error(data) whose message starts with `name` for lines that do not have the form above.
+// Parses the comments of a header. Missing values stay empty, and unknown keys are skipped. Throws
+// Error(data) whose message starts with `name` for lines that do not have the format above.
 ModelNotes notes_of(std::span<const std::string> comments, const std::string& name);
 
 }  // namespace ubs

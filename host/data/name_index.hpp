@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// NameIndex finds the file that a data set names, even if the stated path differs from the actual path in
-// ways that are usual between machines and systems: in capitals, in the Unicode form of accents (macOS
-// decomposes them), in the folder separator, in the image extension, or in the parent folders. It compares
-// paths only and does not access files.
+// NameIndex finds the file that a data set names, even if the stated path differs from the actual path. Such
+// differences are common when data move between machines and systems. They can be in upper and lower case, in
+// the Unicode form of accents (macOS decomposes them), in the folder separator, in the image extension, or in
+// the parent folders. NameIndex only compares paths and does not access files.
 #pragma once
 
 #include <cstddef>

@@ -53,8 +53,8 @@ struct Claims {
   }
 };
 
-// Returns the file with exactly this name, or an empty path. Published data sets leave out the extension and
-// mean .png ("r_0.5" has no extension either).
+// Returns the file with exactly this name, or an empty path. Published data sets omit the extension .png
+// ("r_0.5" has no extension either).
 fs::path exact_file(const fs::path& base, const std::string& name, NamedFiles::Kind kind) {
   const fs::path path = (base / name).lexically_normal();
   if (kind == NamedFiles::Kind::image && !has_picture_extension(path.filename().string()))

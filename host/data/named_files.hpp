@@ -56,8 +56,8 @@ class NamedFiles {
   // Marks a file that the caller found itself as used.
   void use(const std::filesystem::path& file) { used_.insert(file.lexically_normal().string()); }
 
-  // Adds notes to the report: the number of files that were found by another than the exact name, the number
-  // of unused images without a camera, and the number of masks without an image.
+  // Adds notes to the report: the number of files that were found under a name other than the exact one, the
+  // number of unused images without a camera, and the number of masks without an image.
   void report(LoadReport& report);
 
  private:

@@ -19,7 +19,7 @@ struct NpyArray {
 // Reads an array; float64 is rounded. Throws Error(data) for a finite value that float32 cannot hold.
 NpyArray read_npy(const std::filesystem::path& path);
 
-// As NpyArray and read_npy, but with full precision, because poses_bounds.npy stores float64.
+// Like NpyArray and read_npy, but with full precision, because poses_bounds.npy stores float64.
 struct NpyArray64 {
   std::vector<std::size_t> shape;
   std::vector<double> values;

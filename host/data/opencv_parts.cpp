@@ -25,8 +25,8 @@ fs::path own_file() {
 const OpencvParts& load() {
   const fs::path folder = own_file().parent_path();
   std::string tried;
-  // Tried in this order: next to the library, in the build folder, the installed place, and where the dynamic
-  // loader searches.
+  // The places are tried in this order: next to the library, in the build folder, in the folder of an
+  // installed ubs, and where the dynamic loader searches.
   for (const fs::path& file :
        {folder / kModule, folder / "lib" / kModule, folder / "../lib" / kModule, fs::path(kModule)}) {
     void* module = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);

@@ -15,8 +15,8 @@ namespace ubs {
 
 using Pixel = std::array<double, 2>;  // column, row; the first pixel is [0, 1] x [0, 1]
 
-// The image of a view in grey [0, 255]. It may be smaller than the view: one of its pixels covers across x
-// down pixels of the camera.
+// The image of a view in grey [0, 255]. It may be smaller than the view: one of its pixels covers `across` x
+// `down` pixels of the camera.
 struct GreyPicture {
   Camera camera;
   int width = 0, height = 0;
@@ -40,9 +40,9 @@ class Patch {
   // this camera at `depth`. Returns -1 if `other` does not show the whole patch or has too little contrast
   // there.
   double agreement(const GreyPicture& other, double depth) const;
-  // Tries `count` depths, evenly spaced in 1/depth, and returns the one with the highest agreement: the mean
-  // of the two best images of `others`, or that of the only image. Returns nothing if no agreement is above
-  // `least`.
+  // Tries `count` depths, evenly spaced in 1/depth, and returns the depth with the highest agreement. The
+  // agreement of a depth is the mean of the agreements with the two best images of `others`, or the agreement
+  // with the only image. Returns nothing if no agreement is above `least`.
   std::optional<double> best_depth(std::span<const GreyPicture* const> others, double near, double far,
                                    int count, double least) const;
 

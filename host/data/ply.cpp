@@ -36,7 +36,7 @@ std::string foreign_format_hint(const PlyElement& header) {
 }
 
 int infer_dimension(const PlyElement& header, const std::string& name) {
-  // The direct form has precisions instead of query scales.
+  // Models with direct conditioning have precisions instead of query scales.
   const int query = count_numbered(header, "precision") > 0 ? count_numbered(header, "mean") : 0;
   const int dim = count_numbered(header, "scale") + query;
   if (dim < kMinDim || dim > kMaxDim)

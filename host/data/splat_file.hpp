@@ -44,12 +44,12 @@ struct SplatFormat {
   void (*write)(const std::filesystem::path& path, const ImportedSplats& splats);
   bool keeps_offset = false;
   bool keeps_antialiasing = false;  // stores whether splats were trained with it
-  bool rounds = false;              // write() stores fewer bits than float32 or leaves out parameters
+  bool rounds = false;              // write() stores fewer bits than float32 or omits parameters
   std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what else write() loses
   std::string_view second_extension = {};  // extension of files that the same function writes
-  // For formats that store several moments of a dynamic model in one file. Null: a file has one moment.
+  // For formats that store several time samples of a dynamic model in one file. Null: a file has only one.
   void (*write_series)(const std::filesystem::path& path, const SplatSeries& series) = nullptr;
-  // Reads the moment nearest to `time`, which goes from 0 (first moment) to 1 (last moment).
+  // Reads the time sample nearest to `time`, which is from 0 (first sample) to 1 (last sample).
   ImportedSplats (*read_at)(const std::filesystem::path& path, double time) = nullptr;
   // Throws Error(usage) if a program that write() needs is missing. Null: it needs none.
   void (*require_writer)() = nullptr;
@@ -80,8 +80,8 @@ std::string describe_file(const std::filesystem::path& path);
 // 3DGS). Returns an empty path if there is no model, for example for a data folder or a JSON file of data.
 std::filesystem::path find_splat_model(const std::filesystem::path& path);
 
-// Reads all formats except those of ubs. If a time is given, reads the moment nearest to it
-// (SplatFormat::read_at); throws Error(usage) if the format has no moments.
+// Reads all formats except those of ubs. If a time is given, reads the time sample nearest to it
+// (SplatFormat::read_at); throws Error(usage) if the format has no time samples.
 ImportedSplats read_foreign_splats(const std::filesystem::path& path, std::optional<double> time = {});
 // Writes the file. Warns if the splats have an offset that the format cannot store.
 void write_foreign_splats(const SplatFormat& format, const std::filesystem::path& path,
@@ -100,8 +100,8 @@ struct LoadedModel {
   std::vector<std::string> remarks;       // what was dropped, not used or noticed while reading
 };
 
-// Loads a model from a file, or from a folder that contains one. All commands use this function. `time` as in
-// read_foreign_splats().
+// Loads a model from a file, or from a folder that contains one. All commands use this function. `time` has
+// the same meaning as in read_foreign_splats().
 LoadedModel load_splat_model(const std::filesystem::path& given, std::optional<double> time = {});
 
 // Returns sentences for messages: what was dropped while reading, and other remarks.

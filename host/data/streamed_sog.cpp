@@ -43,7 +43,7 @@ void append_ranges(std::optional<ImportedSplats>& splats, const ImportedSplats& 
   for (const LodRange& range : ranges) {
     if (range.offset < end || range.offset > file.count() || range.count > file.count() - range.offset)
       fail(ErrorKind::data,
-           "{}: splats {} to {} of a node overlap other nodes or are not in {}, which has {}", name,
+           "{}: splats {} to {} of a node overlap other nodes or are not in {}, which has {} splats", name,
            range.offset, range.offset + range.count, file.report.folder, file.count());
     end = range.offset + range.count;
   }

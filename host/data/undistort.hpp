@@ -36,7 +36,7 @@ Undistortion plan_undistortion(const Lens& lens, const std::string& where);
 
 // Returns the faces of the cube that show a part of the image, each cropped to that part. The focal length of
 // a face is the resolution of the image at the centre of the face; if that differs between directions, the
-// lower one. Faces with less than 16 pixels in a direction are left out, so the result may be empty.
+// lower one. Faces with less than 16 pixels in a direction are skipped, so the result may be empty.
 std::vector<Undistortion> plan_faces(const Lens& lens, const std::string& where);
 
 // Returns plan_faces() for a wide image unless it is too small for faces, otherwise plan_undistortion().

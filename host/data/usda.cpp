@@ -76,8 +76,8 @@ void print_usd_array(UsdaText& out, std::size_t count, const At& at) {
   out.put("]");
 }
 
-// Writes an attribute once if it is the same at all moments, otherwise as time samples. The first argument of
-// `count` and `at` is the moment.
+// Writes an attribute once if it is the same at all time samples, otherwise once for each time sample. The
+// first argument of `count` and `at` is the index of the time sample.
 template <std::size_t N, typename Count, typename At>
 void print_usd_attribute(UsdaText& out, const char* declaration, std::size_t moments, bool constant,
                          const Count& count, const At& at) {

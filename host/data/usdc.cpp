@@ -56,7 +56,7 @@ UsdConverter usd_converter(const std::string& what) {
   if (converter.command.empty())
     fail(ErrorKind::usage,
          "{} requires OpenUSD: install it with 'pip install usd-core' (its python3 must be in PATH), or put "
-         "usdcat in PATH; the text form, .usda, requires nothing",
+         "usdcat in PATH; the text form, .usda, does not require OpenUSD",
          what);
   return converter;
 }

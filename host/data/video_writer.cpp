@@ -85,7 +85,9 @@ VideoWriter::VideoWriter(fs::path path, int width, int height, double fps)
   if (width < 16 || height < 16 || width > 16384 || height > 16384 || width % 2 != 0 || height % 2 != 0)
     fail(ErrorKind::usage, "{}: video frames must have an even width and height from 16 to 16384, not {}x{}",
          path_.string(), width, height);
-  if (!(fps > 0 && fps <= 1000)) fail(ErrorKind::usage, "{}: {} frames a second", path_.string(), fps);
+  if (!(fps > 0 && fps <= 1000))
+    fail(ErrorKind::usage, "{}: {} frames a second are not supported: choose a rate above 0 and up to 1000",
+         path_.string(), fps);
   const fs::path folder = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
   if (!is_folder(folder)) fail(ErrorKind::data, "{}: the folder does not exist", folder.string());
   if (is_folder(path_)) fail(ErrorKind::data, "{}: is a folder", path_.string());

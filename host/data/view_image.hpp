@@ -27,14 +27,14 @@ bool attach_image(View& view, const Lens& lens, const std::filesystem::path& fil
                   const std::filesystem::path& mask, const DatasetOptions& options, LoadReport& report);
 
 // Appends the views of an image of any lens: one view, or several for a wide image (undistort.hpp). Each of
-// several views gets the name of `view` with the face added (NAME_front). Leaves out views in which the mask
-// leaves no pixel. Returns the number of views.
+// several views gets the name of `view` with the face added (NAME_front). Views in which the mask leaves no
+// pixel are skipped. Returns the number of views.
 std::size_t append_views(std::vector<View>& views, const View& view, const Lens& lens,
                          const std::filesystem::path& file, const std::filesystem::path& mask,
                          const DatasetOptions& options, LoadReport& report);
 
-// Sorts images by name and splits them: every n-th goes to test (method.md 4.5), the others to train. All
-// views of one image (View::part_of) go to the same split.
+// Sorts images by name and splits them: every n-th image is in the split test (method.md 4.5), the others are
+// in the split train. All views of one image (View::part_of) are in the same split.
 std::vector<Split> split_every(std::vector<View> views, int test_every);
 
 // Returns the name of a view, which becomes a file name: "cam1/0001.jpg" -> "cam1_0001".

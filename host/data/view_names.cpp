@@ -25,7 +25,7 @@ std::string folded(std::string_view name) {
   return result;
 }
 
-// On Windows these names are devices in every folder, whatever follows the first dot.
+// On Windows these names are devices in every folder, regardless of the text after the first dot.
 bool is_device(std::string_view name) {
   const std::string stem = folded(name.substr(0, name.find('.')));
   if (stem == "con" || stem == "prn" || stem == "aux" || stem == "nul") return true;

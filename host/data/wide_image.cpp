@@ -26,7 +26,8 @@ class FileWideImage : public WideImage {
   }
 
  private:
-  // A LensImage is not kept, because a data set may have thousands of wide images, and a few are measured.
+  // Creates a LensImage for each call instead of keeping it, because a data set may have thousands of wide
+  // images, of which only a few are measured.
   LensImage lens_image() const { return LensImage(lens_, file_); }
 
   WideLens lens_;

@@ -69,7 +69,7 @@ WorldPoints read_world_points(const std::filesystem::path& path) {
 // Divides the box into 4 x 4 x 4 cells. For uniformly random points, the sum over the cells of (number -
 // expected)^2 / expected is chi-squared with 63 degrees of freedom (mean 63, deviation 11). The same is true
 // for the sum of the squared deviations of the mean colours over their variances. Points on surfaces leave
-// most cells empty, so their sum is near the number of points. 1 random cloud in 10^8 exceeds the bound of
+// most cells empty, so their sum is near the number of points. One random cloud in 10^8 exceeds the bound of
 // 150.
 bool is_random_filling(const WorldPoints& points) {
   constexpr std::size_t kFewest = 1000, kSide = 4, kCells = kSide * kSide * kSide;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// ZipWriter and ZipReader handle ZIP archives of a few files in memory. The writer does not compress, because
-// the members are compressed already; the reader supports both. ZIP64 and encryption are not supported.
+// ZipWriter and ZipReader handle ZIP archives of a few files in memory. The writer does not compress members,
+// because they are compressed already. The reader supports compressed and uncompressed members. ZIP64 and
+// encryption are not supported.
 #pragma once
 
 #include <cstddef>

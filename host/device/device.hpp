@@ -27,11 +27,11 @@ struct DeviceInfo {
   DeviceType type = DeviceType::cpu;
   std::uint64_t memory_bytes = 0, max_allocation_bytes = 0;
   unsigned compute_units = 1;
-  // Number of lanes that a work-item should use explicitly. It is 1 on GPUs, and if the driver fills vectors
-  // with work-items. It determines the rasteriser.
+  // Number of lanes that a work-item should use explicitly. It is 1 on GPUs, and on devices whose driver
+  // fills vectors with work-items. It determines the rasteriser.
   unsigned float_vector_width = 1;
   bool has_double = false;
-  bool sorts_by_copying = false;  // sorts of tiles need memory for a second copy of keys and values
+  bool sorts_by_copying = false;  // sorting by tile needs memory for a second copy of keys and values
   // "0000:1b:00.0", or empty if unknown. It is the same for a GPU in different back ends.
   std::string pci;
   // Language version that sub-group functions require, for example "CL3.0"; empty if there are none.
@@ -162,7 +162,8 @@ class Device {
   std::map<std::string, std::uint64_t> by_label_, peaks_;
 };
 
-// A typed view of a buffer from its start, as stages take it. It does not own the memory.
+// A typed view of a buffer from its start. Stages take their buffers as such views. A view does not own the
+// memory.
 template <typename T>
 struct BufferView {
   Memory* memory = nullptr;

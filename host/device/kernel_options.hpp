@@ -15,7 +15,7 @@ using Options = std::vector<std::string>;
 
 void append(Options& options, const Options& more);
 
-// Returns the switches of kernels/variant.h; for a config with its own falloff, if it has one.
+// Returns the switches of kernels/variant.h. Those of a config include its own falloff if it has one.
 Options variant_options(const ModelVariant& variant);
 Options variant_options(const KernelConfig& config);
 // Returns only the switch of the spatial kernel.

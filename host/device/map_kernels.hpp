@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Types of the arguments of the kernels that the back ends share (kernels/map) or have in the same form. They
-// are declared once, so that a launch with a wrong buffer or a wrong number of arguments does not compile. If
-// a kernel is also launched in the same way by all back ends (host/device/map_stages.hpp), its name is here
-// as well.
+// Types of the arguments of the kernels that the back ends share (kernels/map) or that have the same
+// arguments in each back end. They are declared once, so that a launch with a wrong buffer or a wrong number
+// of arguments does not compile. If all back ends also launch a kernel in the same way
+// (host/device/map_stages.hpp), its name is here as well.
 #pragma once
 
 #include <cstdint>

@@ -23,16 +23,16 @@ std::vector<DeviceInfo> list_devices();
 // the first GPU, otherwise the first device. Throws Error(device) with a list of the devices if nothing
 // matches.
 std::size_t choose_device(const std::vector<DeviceInfo>& devices, const std::string& request);
-// Returns the same index. If neither the request nor UBS_DEVICE names a device, also returns the devices to
-// try after it in case it cannot be used.
+// Returns a list that starts with the index that choose_device() returns. If neither the request nor
+// UBS_DEVICE names a device, the list also contains the devices to try if that device cannot be used.
 std::vector<std::size_t> device_candidates(const std::vector<DeviceInfo>& devices,
                                            const std::string& request);
 
 std::unique_ptr<Device> open_device(std::size_t index);
 std::unique_ptr<Device> open_device(const std::string& request = "");
 
-// From now on, starts no processes and catches no signals on behalf of drivers. For use inside programs other
-// than ubs.
+// After this call, ubs starts no processes and catches no signals on behalf of drivers. It is for use inside
+// programs other than ubs.
 void leave_drivers_alone();
 
 // Lets drivers store compiled kernels in kernel_cache_folder() (host/base/cache_folder.hpp). Some drivers

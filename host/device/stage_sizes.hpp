@@ -13,12 +13,12 @@ namespace ubs::stage_sizes {
 // On CPUs, scans and sorts process their elements in chunks. It takes longer to launch a chunk below this
 // size than to sum it (2 cores, PoCL: 1.5 us per launch, 1 ns per element).
 inline constexpr std::uint64_t kSmallestChunk = 4096;
-inline constexpr std::uint64_t kChunksPerCore = 4;  // several, to balance cores that are busy with other work
+inline constexpr std::uint64_t kChunksPerCore = 4;  // several, for balance if cores are busy with other work
 inline constexpr std::uint64_t kMaxChunks = 256;
 inline constexpr std::uint64_t kMaxBins = std::uint64_t{16} << 20;  // (chunk, bin) histogram: 64 MiB
 
-// Depths are sorted by digits of kDigitOfFew bits, or of kDigitOfMany bits from kManySplats splats on
-// (measured: host/opencl/lists.cpp).
+// Depths are sorted by digits of kDigitOfFew bits, or of kDigitOfMany bits if there are at least kManySplats
+// splats (measured: host/opencl/lists.cpp).
 inline constexpr std::uint64_t kManySplats = std::uint64_t{1} << 20;
 inline constexpr std::uint32_t kDigitOfFew = 12, kDigitOfMany = 8;
 
@@ -30,7 +30,7 @@ inline constexpr std::uint32_t kRadixBits = 8;      // there is one bin per work
 // and below as the radius of the window.
 inline constexpr int kMapMargin = 48, kLossRadius = 5;
 inline constexpr std::uint64_t kLossTileRows = 16;  // kernels/gpu/loss.cl
-// CPUs: images with up to this number of pixels process all channels in one launch (measured:
+// CPUs: for images with up to this number of pixels, all channels are processed in one launch (measured:
 // host/opencl/image_loss.cpp).
 inline constexpr std::uint64_t kSmallImage = std::uint64_t{1} << 16;
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stages is the upper of the two layers between the pipeline and a back end. It has the operations of the
 // method. Each operation is a plain struct of views of device buffers and scalars. The pipeline and the
-// trainer use only these; behind them a back end may fuse or split kernels, or choose between kernels, as
-// long as the contract holds. The layouts of buffers are those of kernels/layout.h. Every operation is
-// enqueued and returns at once, unless its comment says that it waits. Sums have a fixed order, so the same
-// inputs give bit-identical results.
+// trainer use only these operations. A back end may fuse or split the kernels that implement them, or choose
+// between kernels, as long as the contract holds. The layouts of buffers are those of kernels/layout.h. Every
+// operation is enqueued and returns at once, unless its comment says that it waits. Sums have a fixed order,
+// so the same inputs give bit-identical results.
 #pragma once
 
 #include <array>
@@ -272,7 +272,7 @@ struct SkyStep {               // Adam; the constant colour is kept within [0, 1
   BufferView<float> gradient;  // (views, 27): added by this stage
   std::uint32_t views = 0;
   float rate = 0, rate_harmonics = 0;  // 0: these numbers are not changed
-  // Far larger than in AdamStep, so that a sky that is hardly visible does not move.
+  // This value is far larger than in AdamStep, so that a sky that is hardly visible does not change.
   float epsilon = 1e-4f;
   std::uint64_t step = 1;                   // 1-based
   BufferView<std::uint32_t> sentinel = {};  // as in AdamStep; results that are not finite are not stored
@@ -343,7 +343,7 @@ struct SplitSources {  // divides the opacity of sources with copies; resets the
 
 // Views that several processes render together (host/pipeline/shared_renderer.hpp). Each process sends the
 // records of its visible splats, one after the other. Each record contains the tile rectangle in two values
-// that are otherwise unused. The process receives their gradients in the same order.
+// that are otherwise unused. The process receives the gradients of these splats in the same order.
 struct PlaceDrawn {  // waits, and returns the number of visible splats
   std::uint32_t count = 0;
   BufferView<std::uint32_t> tile_counts;

@@ -36,8 +36,8 @@ class TunableDevice {
   virtual void set_tuning(TuningValues values) = 0;
 };
 
-// Return the value of a macro in `values`. If it is not there, the first function returns `fallback`, and the
-// second one the default of the table, which must contain the macro.
+// These functions return the value of a macro in `values`. If the macro is missing there, the first function
+// returns `fallback`, and the second one returns the default of the table, which must contain the macro.
 unsigned tuned_value(const TuningValues& values, std::string_view macro, unsigned fallback);
 unsigned tuned_value(TunedTable table, const TuningValues& values, std::string_view macro);
 

@@ -19,7 +19,7 @@
 
 namespace ubs::opencl {
 
-// Returns "CL_OUT_OF_RESOURCES" for -5, and so on.
+// Returns the name of an error code, such as "CL_OUT_OF_RESOURCES" for -5.
 std::string error_name(cl_int code);
 
 // Throws Error(memory) or Error(device) with the name of the call. Must not be used in destructors.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // CoreGroups launches kernels whose work-groups are assigned to CPU cores (kernels/opencl/core_groups.h).
-// This header also says which devices support this, and what their programs need.
+// This header also declares functions that determine which devices support such kernels, and which options
+// their programs need.
 #pragma once
 
 #include <cstddef>
@@ -14,8 +15,9 @@ namespace ubs::opencl {
 
 constexpr std::size_t kCoreGroupItems = 16;  // UBS_CORE_GROUP_ITEMS
 
-// Returns the number of cores if the device supports this: PoCL on an x86 CPU with more than one core. Its
-// kernels run in this process and can determine which core they run on. Returns 0 for all other devices.
+// Returns the number of cores if the device supports such kernels, which is the case for PoCL on an x86 CPU
+// with more than one core. Its kernels run in this process and can determine which core they run on. Returns
+// 0 for all other devices.
 std::uint32_t cores_for_groups(const OpenclDevice& device);
 
 // Returns the value of UBS_CORE_SHARES, the share of each core: "0,0,1" means share 0 for core 0 and share 1
@@ -45,7 +47,7 @@ class CoreGroups {
     if (groups == 0) return;  // an empty launch would not prepare the claims of the next one
     const Claims claims = next_claims();
     kernel(Range{groups}, Range{1}, args..., claims.now, claims.next);
-    ++launches_;  // not reached if the launch fails: it then has not prepared the next claims
+    ++launches_;  // not reached after a failed launch, which has not prepared the next claims
   }
 
  private:

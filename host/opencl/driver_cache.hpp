@@ -17,7 +17,7 @@ void keep_driver_cache(SetVariable set);
 
 // Must be called before the first OpenCL call; only the first call has an effect. Sets POCL_CACHE_DIR to
 // `pocl` in kernel_cache_folder(), after removing old and damaged files there. A POCL_CACHE_DIR set by the
-// user is kept if it is writable. With UBS_KERNEL_CACHE=off, or if no folder can be kept, PoCL gets a
+// user is kept if it is writable. With UBS_KERNEL_CACHE=off, or if there is no usable folder, PoCL gets a
 // temporary folder for this process only, or one that cannot exist. Without this setting, PoCL would choose a
 // folder in the temporary directory that any user may have created, and run the code in it.
 void prepare_driver_cache();

@@ -61,12 +61,12 @@ int cache_defect(const char* folder) {
   const char* folder = std::getenv("POCL_CACHE_DIR");
   if (const int defect = cache_defect(folder); defect != 0) {
     std::snprintf(text, sizeof text,
-                  "the OpenCL driver cannot keep compiled kernels in %s (%s); make room, or name another "
-                  "folder with UBS_KERNEL_CACHE",
+                  "the OpenCL driver cannot keep compiled kernels in %s (%s); free disk space, or select "
+                  "another folder with UBS_KERNEL_CACHE",
                   folder, std::strerror(defect));
     end(text, ErrorKind::data);
   }
-  std::snprintf(text, sizeof text, "the OpenCL driver %s (%s), for the reason above if it gave one", deed,
+  std::snprintf(text, sizeof text, "the OpenCL driver %s (%s); it may have printed the reason above", deed,
                 what);
   end(text, ErrorKind::device);
 }

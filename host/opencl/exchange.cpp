@@ -40,7 +40,7 @@ std::string fault_of_rows(const Kernel& kernel, Exchange kind, Range group) {
 }
 
 std::string fault_of_values(OpenclDevice& device, Kernel check) {
-  constexpr int kVisits = 16, kBlocks = 16, kSums = 10, kGroup = 256;  // of kernels/gpu/exchange_check.cl
+  constexpr int kVisits = 16, kBlocks = 16, kSums = 10, kGroup = 256;  // as in kernels/gpu/exchange_check.cl
   const auto value = [](int item, int visit, int i) { return (item * 7 + visit * 3 + i * 5) % 64; };
   Buffer<float> sums(device, "check of the lane exchange", kVisits * kBlocks * kSums);
   sums.zero();

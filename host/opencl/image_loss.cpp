@@ -21,10 +21,10 @@ BufferView<float> floats_of(const ImageLoss& loss) {
   return loss.target.size > 0 ? BufferView<float>{} : loss.target_float;
 }
 
-// Returns the width of a tile. With vectors wider tiles are faster, because the halo is summed too: 112 takes
-// 2.9 ms and 48 takes 3.3 ms (800 x 800). A width of 112 needs 60 KiB of local memory, and 48 needs 30 KiB.
-// Devices with the full profile of OpenCL have at least 32 KiB; those with the embedded profile may have
-// less.
+// Returns the width of a tile. With vectors, wider tiles are faster, because the halo of a tile is summed
+// too: 112 takes 2.9 ms and 48 takes 3.3 ms (800 x 800). A width of 112 needs 60 KiB of local memory, and 48
+// needs 30 KiB. Devices with the full profile of OpenCL have at least 32 KiB; those with the embedded profile
+// may have less.
 std::size_t tile_width(const OpenclDevice& device, unsigned width) {
   const auto& tuning = device.info().tuning;
   if (width == 1) return tuned_value(tuning, "UBS_LOSS_TILE_GPU");

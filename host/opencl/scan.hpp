@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Exclusive prefix sums of device arrays, and the division of a stage's elements into blocks on each kind of
-// device. Nothing here waits.
+// device. These functions do not wait for the device.
 #pragma once
 
 #include <cstdint>

@@ -31,10 +31,11 @@ struct ImageGradient {           // empty members count as zeros
 // 2^-30 of v_alpha. Colours then get gradients of up to 1e-9 of v_alpha that should be 0, which is far below
 // the rounding of the other gradients.
 //
-// Depth: it has a pass of its own, in which z - z0 replaces the red channel. The depth of a pixel is D = sum
-// w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D and W are held
-// constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in front of the
-// background D - z0. z0 is the mean depth. It keeps the differences exact in scenes that are far away.
+// Depth: its gradient is computed in a separate pass, in which z - z0 replaces the red channel. The depth of
+// a pixel is D = sum w z / W with W = sum w = alpha. Its gradient equals that of sum w (z - D) / W, where D
+// and W are held constant. In the pass, this is the gradient v_D / W of an image with the value D - z0 in
+// front of the background D - z0. z0 is the mean depth. It keeps the differences exact in scenes that are far
+// away.
 void backward_from_image(Device& device, Renderer& renderer, const ImageGradient& v,
                          std::span<const BufferView<float>> v_params);
 

@@ -60,7 +60,7 @@ struct MemoryPlan {
 
 MemoryPlan plan_memory(const MemoryQuestion& question);
 
-// Returns a text such as "predicted 61.2 MiB (744 B a splat, 68 B a pixel, 74 B an intersection)".
+// Returns a text such as "predicted 61.2 MiB (744 B per splat, 68 B per pixel, 74 B per intersection)".
 std::string summary(const MemoryPlan& plan);
 
 // Returns the reason, with numbers, why a training or rendering with this plan does not fit on the device:

@@ -46,8 +46,8 @@ FourFloats load_four(const float* from) {
   return four;
 }
 
-// Stores past the caches, because a cached store would first read the line that it replaces. `to` must be a
-// multiple of 16 bytes.
+// Writes to memory without using the caches, because a cached store would first read the line that it
+// replaces. `to` must be a multiple of 16 bytes.
 void store_four(const FourFloats& four, float* to) {
 #ifdef __SSE2__
   _mm_stream_ps(to, four);
@@ -83,8 +83,8 @@ void interleave_row(const float* from, std::size_t plane, std::size_t width, flo
   for (; x < width; ++x) one(x);
 }
 
-// Returns the maximum number of intersections of recent views. A view counts less with each later view: after
-// 44 of them half.
+// Returns the maximum number of intersections of recent views. The weight of a view decreases with each later
+// view, and is halved after 44 of them.
 std::uint64_t recent_maximum(std::uint64_t recent, std::uint64_t intersections) {
   return std::max(intersections, recent - recent / 64);
 }

@@ -132,7 +132,7 @@ class Renderer {
   BufferView<float> image() const { return image_.view(); }                  // (3, rows, pitch)
   BufferView<float> transmittance() const { return transmittance_.view(); }  // (rows, pitch)
   BufferView<float> depth() const { return depth_.view(); }  // empty unless KernelConfig::depth
-  // The caller fills it between forward and backward.
+  // Returns the gradient of the image, which the caller fills between forward and backward.
   BufferView<float> v_image() const { return v_image_.view(); }
   // Returns the state of the sky that the settings of the last view had. Training may change it on the
   // device. It stays until settings with a different sky are used. The view is empty if there is no sky.
@@ -156,7 +156,7 @@ class Renderer {
   // A GPU writes the sorted slots, masks and states of last_lists() only for views with for_backward. After
   // this call it writes them for every view. Call it before measure_weights(), which reads them.
   void keep_lists() { keeps_lists_ = true; }
-  // Rasterises the same lists again with the present contents of the records, in front of black.
+  // Rasterises the same lists again with the current contents of the records, on a black background.
   void draw_again() {
     RasterForward again = last_lists();
     again.background = {0, 0, 0};
@@ -189,8 +189,9 @@ class Renderer {
   bool divides_lists() const {
     return stages_.config().backward && stages_.config().raster == RasterKind::gpu;
   }
-  // Number of intersections that the lists of a view can have before they are counted: all buffers are large
-  // enough, and not much more than recent views had, because CUDA also sorts places that are not used.
+  // Returns the number of intersections for which the lists of a view have room before the intersections are
+  // counted. All buffers are large enough for this number. It is at most 1.25 times the number of
+  // intersections of recent views, because CUDA also sorts unused entries.
   std::uint64_t list_room(bool for_backward) const;
   ListTotals forward_counted(std::span<const RenderGroup> groups, std::uint32_t camera,
                              const RenderSettings& settings, bool for_backward);

@@ -154,7 +154,7 @@ double least_axis(const Block& covariance) {
          std::sqrt(std::max({covariance.e[0][0], covariance.e[1][1], covariance.e[2][2], 1e-30}));
 }
 
-// Returns the mean change of the opacity factor when the residuals come from L^T instead of Lh^-1.
+// Returns the mean change of the opacity factor when the residuals are computed with L^T instead of Lh^-1.
 double opacity_change(const RawSplat& s, const Block& lh, const Block& precision) {
   if (s.l.variant.beta_opacity != BetaOpacity::tanh) return 0;
   const CounterRandom random(0, 0);

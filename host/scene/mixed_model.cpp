@@ -42,7 +42,7 @@ void check_groups(const MixedModel& model) {
   if (model.groups.empty()) fail(ErrorKind::internal, "the model has no groups of splats");
   for (std::size_t g = 0; g < model.groups.size(); ++g) {
     if (!(model.groups[g].variant == model.variant()))
-      fail(ErrorKind::internal, "the groups of the model have different forms: '{}' and '{}'",
+      fail(ErrorKind::internal, "the groups of the model have different variants: '{}' and '{}'",
            to_string(model.variant()), to_string(model.groups[g].variant));
     for (std::size_t other = 0; other < g; ++other)
       if (model.groups[other].dim == model.groups[g].dim)

@@ -345,7 +345,7 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
   const SharePoint last = points.back();
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
-         "work_shares belongs to a number of iterations: a share of {} after iteration {} does not match a "
+         "work_shares depends on the number of iterations: a share of {} after iteration {} does not match a "
          "run of {} iterations: pass both settings, or neither",
          last.share, last.iteration, s.iterations);
   return points;

@@ -43,7 +43,7 @@ struct ReadSettings {
   int image_cache_mb = 4096;         // memory for images; other images are decoded when needed
   PrincipalPoint principal_point{};  // centre: the centre of the image, as in the published code
   IndexRange frames;                 // frames of videos
-  // Read files outside of the data folder that links, absolute paths or .. refer to.
+  // Allow links, absolute paths and .. in the data to refer to files outside of the data folder.
   bool allow_outside = false;
   bool operator==(const ReadSettings&) const = default;
 };
@@ -75,7 +75,7 @@ struct TrainSettings : ReadSettings {
   std::string pyramid;  // reduced images at the start, such as 4:0.2,2:0.5 (docs/budget.md); empty: none
   IndexRange refine{500, 25000, 100};  // after `first`, before `end`; empty range: never
   BatchRates lr_batch{};               // learning rates unchanged | times the square root of the batch
-  double growth = 1.02;                // number of splats after / before a refinement
+  double growth = 1.02;                // ratio of the numbers of splats after and before a refinement
   double growth_end = 1;               // share of the work after which no splats are added
   double noise_lr = kAuto;  // auto: 1 dynamic, 1.6e7 static, but 1e6 if unit is not auto (method.md 4.3)
 

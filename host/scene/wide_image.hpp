@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // WideImage is an image that shows more than a pinhole camera can, such as a fisheye image or a panorama.
-// Training uses views that show parts of it (View::wide). To compare a model with the image itself, its lens
-// composes an image from renders of pinhole cameras.
+// Training uses views that show parts of it (View::wide). To compare a model with the image itself, compose()
+// makes an image with the same lens from renders of pinhole cameras.
 #pragma once
 
 #include <span>
@@ -16,7 +16,8 @@ namespace ubs {
 class WideImage {
  public:
   virtual ~WideImage() = default;
-  // Returns the image. Its mask excludes the pixels of which compose() determines no or only a part.
+  // Returns the image. Its mask excludes the pixels that compose() does not determine, or determines only in
+  // part.
   virtual Image8 load() const = 0;
   // Returns the pinhole cameras whose renders compose() needs, in the same order. They have the pose and the
   // query values of `camera`, which is the camera of the image.

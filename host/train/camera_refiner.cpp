@@ -13,10 +13,10 @@ namespace {
 constexpr std::size_t kPivotSplats = 4096;
 constexpr std::size_t kCameraNumbers = 17;
 constexpr double kMostPixels = 2e5;  // maximum size of the image that a step uses
-// The model has adapted to the present cameras and therefore holds them back. Longer steps compensate for
-// this.
+// The model has adapted to the current cameras, which makes the steps too short. They are therefore
+// multiplied by this factor.
 constexpr double kStretch = 1.3;
-// Moves that hardly change the image are held back, because an unfinished model determines them poorly.
+// Moves that hardly change the image are reduced, because an unfinished model determines them poorly.
 constexpr double kFirstRidge = 0.03;
 // Cameras and model can drift together in directions that no image determines. Starting from correct poses,
 // they drifted by 0.15 degrees in 20 sweeps (docs/results/2026-11-22-cameras.md). This prior prevents it.

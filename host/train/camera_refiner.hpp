@@ -27,8 +27,8 @@ class CameraRefiner {
 
   // Takes one step of every camera, on images that are reduced by `factor` or more, and then calls
   // hold_gauge(). The views of a wide image keep one position and the given angles between them, and their
-  // lens is not refined, because it is none of the photograph. `done` is the share of all sweeps that have
-  // already taken place.
+  // lens is not refined, because it is not the lens of the photograph. `done` is the share of all sweeps that
+  // have already taken place.
   void sweep(const Drawing& drawing, int factor, double done);
   // Returns the estimated time of a sweep in seconds. The function measures the step of one camera, without
   // changing this camera, and derives the time of all cameras from it.

@@ -141,7 +141,7 @@ Sizes read_header(const Json& h, Checkpoint& c, const std::string& name) {
   const auto& numbers = h.at("variant");
   std::array<int, kVariantSwitches.size()> variant{};
   if (numbers.size() != variant.size())
-    fail(ErrorKind::data, "{}: the checkpoint has {} switches of the method, but this program has {}", name,
+    fail(ErrorKind::data, "{}: the checkpoint has {} settings of the variant, but this program has {}", name,
          numbers.size(), variant.size());
   for (std::size_t i = 0; i < variant.size(); ++i) variant[i] = numbers[i].get<int>();
   s.model.variant = variant_from_numbers(variant);

@@ -40,7 +40,7 @@ struct ViewMetrics {
 struct Metrics {
   std::vector<ViewMetrics> views;
   std::vector<ViewMetrics> wide_images;  // wide images, compared in their own lens (measure_wide_images())
-  ViewMetrics mean;  // mean over the images; views that show a part of one of `wide_images` are left out
+  ViewMetrics mean;  // mean over the images, except views that show a part of one of `wide_images`
 };
 
 // Computes the metrics of a view from the eight sums of Stages::image_loss.
@@ -69,9 +69,9 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
 
 // Measures the wide images that `views` show parts of. From the cameras of the views, it renders the pinhole
 // images that WideImage::compose() needs, composes the image, and compares it with the file. Returns the
-// metrics in the order in which the images first occur, without images that are not in a file. If an image
-// is too large, it warns and leaves the image out. `more` and `fit` are those of evaluate(). Replaces the
-// renderer's cameras.
+// metrics of the images that are stored in a file, in the order of their first occurrence. If an image is too
+// large, the function prints a warning and skips the image. `more` and `fit` are those of evaluate().
+// Replaces the renderer's cameras.
 std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
                                              std::span<const RenderGroup> groups,
                                              const RenderSettings& settings, const std::vector<View>& views,

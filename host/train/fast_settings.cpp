@@ -25,8 +25,8 @@ constexpr double kFarTravel = 5, kFastest = 3e-3;
 constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnIteration = 40,
               kMinSplats = 10000;
 
-// fast_settings() holds for runs of kShortRun iterations or fewer. In longer runs, the learning rates and the
-// shares of the work on coarse images fall as powers of the number of iterations
+// fast_settings() applies to runs of kShortRun iterations or fewer. In longer runs, the learning rates and
+// the shares of the work on coarse images fall as powers of the number of iterations
 // (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
@@ -56,8 +56,8 @@ bool is_free(const TrainSettings& s, const char* key, const Value& value, const 
   return value == usual && !s.chosen.contains(key);
 }
 
-// Adapts the falling settings to the number of iterations. Values are rounded to a few digits to keep
-// config.yaml readable.
+// Adapts the settings that fall with the length of the run to the number of iterations. Values are rounded to
+// a few digits to keep config.yaml readable.
 void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
   const TrainSettings base = fast_settings();
   const auto fall = [&](const char* key, double TrainSettings::*value, double power) {

@@ -32,9 +32,9 @@ struct NormalEquations {  // matrix * move = right
 // definite.
 CameraMove solve_normal(NormalEquations equations, std::size_t moves);
 
-// Terms that hold back a pose, in addition to the comparison with its image.
+// Terms that limit the change of a pose, in addition to the comparison with its image.
 struct PoseHold {
-  // This share of the largest diagonal entry of J^T J is added to the diagonal. It holds back moves that
+  // This share of the largest diagonal entry of J^T J is added to the diagonal. It reduces moves that
   // hardly change the image.
   double ridge = 0;
   double stretch = 1;  // factor by which steps are lengthened

@@ -73,7 +73,7 @@ class Guard {
   TrainState answer(const NonFiniteEvent& event, TrainState state, TrainingViews& views);
 
  private:
-  // Maximum number of iterations between two looks at the sentinel.
+  // Maximum number of iterations between two checks of the sentinel.
   static constexpr std::size_t kLookEvery = 16;
 
   OnNan on_nan_;

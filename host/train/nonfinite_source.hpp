@@ -19,9 +19,9 @@ struct NonFiniteSource {
   std::int64_t view = -1;  // the training view; -1: none in particular
 };
 
-// `state` is the state after the iteration. The watched Adam step has left the splats whose values are not
-// finite as they were, so that they fail again; the other splats have moved by one step. The views must be at
-// the size that they have in the iteration.
+// `state` is the state after the iteration. The watched Adam step has not changed the splats whose values are
+// not finite, so these values occur again. The other splats have moved by one step. The views must have the
+// same size as in the iteration.
 NonFiniteSource find_nonfinite_source(Device& device, Stages& stages, TrainingViews& views,
                                       const RenderSettings& settings, const TrainState& state);
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// RunPlan is the estimate of what a run needs: its memory, computed from the sizes of all buffers
-// (host/pipeline/memory_plan.hpp), its kernels, and the intersections and the time of a step. The last two
-// are measured with the initial model and with copies of it that have the final number of splats.
+// RunPlan is the estimate of the requirements of a run: its memory, its kernels, and the intersections and
+// the time of a step. The memory is computed from the sizes of all buffers (host/pipeline/memory_plan.hpp).
+// The intersections and the time are measured with the initial model and with copies of it that have the
+// final number of splats.
 #pragma once
 
 #include <cstdint>

@@ -14,7 +14,7 @@ int least_side(const Split& train) {
   return side;
 }
 
-// Sums over one square: of the pixels that count, and of all pixels.
+// The sums over the pixels of one square: `sum` over the pixels that count, `all` over all pixels.
 struct Square {
   unsigned sum[3] = {0, 0, 0}, all[3] = {0, 0, 0}, counted = 0;
 };

@@ -70,7 +70,7 @@ void check_initial(const TrainSettings& settings, const SplatModel& initial) {
     fail(ErrorKind::usage, "the model has {} dimensions, but the settings have {}", initial.dim,
          settings.dim);
   if (initial.variant != settings.variant)
-    fail(ErrorKind::usage, "the model has the form '{}', but the settings have '{}'",
+    fail(ErrorKind::usage, "the model has the variant '{}', but the settings have '{}'",
          to_string(initial.variant), to_string(settings.variant));
 }
 

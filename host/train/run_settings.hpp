@@ -22,8 +22,8 @@ KernelConfig kernel_config(int dim, const ModelVariant& variant, const TrainSett
 // Returns the kernel configuration of a training, in which the frozen parameter groups are not trained.
 KernelConfig training_config(const TrainSettings& settings, const DeviceInfo& device);
 RenderSettings render_settings(const TrainSettings& settings);
-// Returns `behind` with the values that have been learnt so far. `sky` is that of a TrainState; it is empty
-// if the background is not learnt.
+// Returns the background `behind` with the values that have been learnt so far. `sky` is that of a
+// TrainState; it is empty if the background is not learnt.
 Background learnt_background(Background behind, const std::vector<float>& sky);
 // Returns the options for initialising splats.
 InitOptions init_options(const TrainSettings& settings);

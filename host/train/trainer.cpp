@@ -228,7 +228,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     }
     const int iteration = progress_.iteration;
     const Due now = due(evaluated);
-    // Check before anything except Adam changes the state, and before it leaves the trainer.
+    // Check the values before anything but Adam changes the state, and before the state leaves the trainer.
     if (now.looks && !look()) clock.go_on();
     if (progress_.iteration != iteration) continue;  // an earlier state was restored
     StepReport report{.iteration = iteration,
@@ -282,8 +282,8 @@ Trainer::Due Trainer::due(double evaluated) const {
   return {evaluates, saves, reads, guard_.due(iteration, reads || saves || changes)};
 }
 
-// Makes all ranks decide alike. Decisions that depend on the clock are those of the first rank. If one rank
-// has found a value that is not finite, the steps of all ranks stop.
+// Ensures that all ranks make the same decisions. The first rank makes those that depend on the clock. If one
+// rank has found a value that is not finite, the steps of all ranks stop.
 void Trainer::agree(bool& by_time, bool& saves) const {
   if (ranks_.size() == 1) return;
   std::array<std::uint64_t, 3> words{ranks_.first() && by_time, ranks_.first() && saves, 0};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainingViews supplies the views of a training: which view comes at which draw, its camera and photograph
+// TrainingViews supplies the views of a training: which view is used at each draw, its camera and photograph
 // at the present size (host/train/pyramid.hpp), and the loss against the photograph. If requested, it also
 // optimises the exposure and white balance of each photograph (method.md 4.9). Draws are counted from 0, with
 // `batch` draws per iteration.

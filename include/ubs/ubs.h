@@ -14,7 +14,7 @@
  *
  * - Handles: handles from _create, _open, _load and _copy functions, and models and settings from _get
  *   functions, must be freed with the _free function of their type, which also accepts NULL. They can be
- *   freed in any order, because an object that was made from a handle keeps what it needs of it.
+ *   freed in any order, because an object that was made from a handle keeps the data that it needs.
  *
  * - Memory: input arrays are copied before the function returns. Output arrays belong to the caller and must
  *   have the size that the function requires. Pointers into a handle are valid until the handle is freed.
@@ -221,7 +221,7 @@ typedef struct ubs_model_info {
   uint64_t splats;     /* of all groups */
   uint64_t parameters; /* floats */
   double offset[3];    /* positions of splats are relative to the offset: world = xyz + offset */
-  char form[256];      /* "default", or the settings of docs/variants.md that differ */
+  char form[256];      /* variant: "default", or the settings of docs/variants.md that differ from it */
 } ubs_model_info;
 
 typedef struct ubs_parameter {
@@ -238,8 +238,8 @@ typedef struct ubs_parameter {
 /* Creates a model of `splats` splats whose parameters are all 0. The settings determine its dimension ("dim"
  * must be a number) and variant. */
 UBS_API ubs_status ubs_model_create(const ubs_settings* settings, uint64_t splats, ubs_model** model);
-/* Creates the model that a training with these settings starts from: from the points of the data, or, without
- * points, from random positions. */
+/* Creates the initial model of a training with these settings. Its splats are at the points of the data, or
+ * at random positions if the data have no points. */
 UBS_API ubs_status ubs_model_create_initial(const ubs_data* data, const ubs_settings* settings,
                                             ubs_model** model);
 UBS_API ubs_status ubs_model_copy(const ubs_model* model, ubs_model** copy);
@@ -277,8 +277,8 @@ typedef struct ubs_image {
   float* rgb;   /* (height, width, 3), not clamped; NULL: not needed */
   float* alpha; /* (height, width); NULL: not needed */
   float* depth; /* (height, width), expected depth [world]; NULL: not needed. Requires UBS_RENDER_DEPTH */
-  /* not 0: keeps what ubs_renderer_vjp needs to differentiate this image without rendering it again. Requires
-   * UBS_RENDER_GRADIENTS */
+  /* not 0: the renderer keeps the data that ubs_renderer_vjp needs to differentiate this image without
+   * rendering it again. Requires UBS_RENDER_GRADIENTS */
   int32_t for_gradient;
 } ubs_image;
 
@@ -305,10 +305,10 @@ typedef struct ubs_loss {
   double l1, ssim;
 } ubs_loss;
 
-/* Copies the model to the device. `settings`: NULL: those of ubs_model_get_settings. `flags`: what will be
- * requested from the renderer. Gradients are those of the rendered image, including the path through the view
- * direction to the positions. Training ignores this path, as published. To ignore it here too, set
- * "query_grad" to "false". */
+/* Copies the model to the device. If `settings` is NULL, those of ubs_model_get_settings are used. `flags`
+ * determines which operations the renderer supports. Gradients are those of the rendered image, including the
+ * path through the view direction to the positions. Training ignores this path, as published. To ignore it
+ * here too, set "query_grad" to "false". */
 UBS_API ubs_status ubs_renderer_create(ubs_device* device, const ubs_model* model,
                                        const ubs_settings* settings, unsigned flags, ubs_renderer** renderer);
 /* A falloff of splats that replaces (1 - r)^beta: the opacity is multiplied by 2^log2 where r < support. The
@@ -340,9 +340,10 @@ UBS_API ubs_status ubs_renderer_draw(ubs_renderer* renderer, const ubs_camera* c
  * to the gradient with respect to every raw parameter. `gradient` receives it: a model of the same structure,
  * for example from ubs_model_copy, whose values are replaced. With NULL only the gradient with respect to the
  * camera is computed. Requires UBS_RENDER_GRADIENTS.
- * `camera`: NULL: differentiates the image that was rendered last, with for_gradient or by this function, and
- * does not render it again. UBS_ERROR_USAGE if there is none, if gradients of alpha or depth were computed
- * since, or if the parameters were replaced or their array was requested. */
+ * If `camera` is NULL, the function differentiates the image that was rendered last, and does not render it
+ * again. This image must have been rendered with for_gradient or by this function. The result is
+ * UBS_ERROR_USAGE if there is no such image, or if one of the following has happened since: gradients of
+ * alpha or depth were computed, the parameters were replaced, or their array was requested. */
 UBS_API ubs_status ubs_renderer_vjp(ubs_renderer* renderer, const ubs_camera* camera,
                                     const ubs_image_gradient* v_image, ubs_model* gradient);
 /* Computes the training loss against `target` (height, width, 3), where 1 - SSIM has the weight lambda_dssim.

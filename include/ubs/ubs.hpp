@@ -29,7 +29,7 @@
 #include "ubs.h"
 
 namespace ubs {
-// An inline namespace, so that these symbols do not clash with those inside of the static library.
+// The inline namespace prevents clashes of these symbols with those inside of the static library.
 inline namespace v1 {
 
 // Thrown by all functions here if a call fails; status() returns the kind of error.
@@ -284,7 +284,7 @@ class Renderer {
   Picture draw(const ubs_camera& camera) {
     const std::size_t pixels = detail::pixels(camera);
     auto image = sized<ubs_image>();
-    // A very large image may be refused by the library: find out before allocating a GiB for it.
+    // The library may reject a very large image. This is checked before a GiB is allocated for it.
     if (pixels > (1u << 26)) check(ubs_renderer_draw(get(), &camera, &image));
     Picture picture{
         camera.width, camera.height, std::vector<float>(3 * pixels), std::vector<float>(pixels), {}};

@@ -71,7 +71,7 @@ typedef UBS_PASTE(uint, UBS_VW) vuint;
 #define UBS_TO_VUINT UBS_PASTE(convert_uint, UBS_VW)
 #define UBS_FLOAT_BITS UBS_PASTE(as_uint, UBS_VW)
 #endif
-#define ubs_real_exp(x) exp(x)  // of one scalar, for any UBS_VW
+#define ubs_real_exp(x) exp(x)  // exponential of one scalar, for any UBS_VW
 #define ubs_sqrt(x) sqrt(x)
 #define ubs_fma(a, b, c) fma(a, b, c)
 #define ubs_fabs(x) fabs(x)
@@ -120,8 +120,8 @@ typedef unsigned int vuint;
 
 #define V(x) ((vreal)(R(x)))
 
-// Goes before every loop of constant length over small arrays. When the loop is unrolled, the arrays become registers;
-// otherwise they stay in memory, which makes PoCL's project_backward 3 times slower.
+// UBS_UNROLL must precede every loop of constant length over small arrays. When the loop is unrolled, the arrays become
+// registers; otherwise they stay in memory, which makes PoCL's project_backward 3 times slower.
 #ifdef UBS_HOST
 #define UBS_UNROLL
 #else

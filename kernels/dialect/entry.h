@@ -43,7 +43,7 @@ typedef unsigned long ulong;  // 64 bits on Linux, as glibc has it
 #define UBS_CORE_ITEMS(item)
 #endif
 
-// UBS_APART stands at the start of a large function that a kernel calls, and keeps the function from being inlined.
+// UBS_APART is the first statement of a large function that a kernel calls. It keeps the function from being inlined.
 // PoCL compiles three copies of each kernel and inlines all called functions in each of them. It cannot inline a
 // function that contains a computed jump, so there is only one copy of it, and compilation takes a third of the time.
 #ifdef UBS_POCL

@@ -66,7 +66,7 @@ typedef struct {
   int width, height, pitch, rows, channel;
 } LossShape;
 
-// The target is 8 bit if `bytes` is not null, else float. Its planes are not padded.
+// The target is 8 bit if `bytes` is not null, otherwise float. Its planes are not padded.
 typedef struct {
   UBS_GLOBAL const float* image;
   UBS_GLOBAL const uchar* bytes;
@@ -320,8 +320,8 @@ UBS_FN SsimMeans sum_row(UBS_LOCAL const real* means) {
   return m;
 }
 
-// Returns the shift of a tile: the target in its middle, which is close to the pixels' values if they vary little. Only
-// then does the shift matter (see SsimMeans). A masked pixel is not used.
+// Returns the shift of a tile: the target in its middle. This is close to the pixels' values if they vary little, and
+// the shift only matters in this case (see SsimMeans). A masked pixel is not used.
 UBS_FN real tile_shift(LossPixels p, LossShape s, int x0, int y0) {
   int x = ubs_min(x0 + LOSS_TILE_X / 2, s.width - 1);
   int y = ubs_min(y0 + LOSS_TILE_Y / 2, s.height - 1);
@@ -519,7 +519,7 @@ UBS_FN LossSum add_share(LossSum s, real share) {
 // i + 128, and so on. Afterwards, for each quantity, one work-item adds the shares.
 UBS_KERNEL UBS_GROUP(LOSS_TOTAL_GROUP) void loss_total(
     UBS_GLOBAL const float* tile_sums, int tiles, float pixels, UBS_GLOBAL float* sums, uint sums_offset) {
-  UBS_SHARED real shares[3 * kLossQuantities * (LOSS_SHARES + 1)], means[3 * kLossQuantities];  // of channels
+  UBS_SHARED real shares[3 * kLossQuantities * (LOSS_SHARES + 1)], means[3 * kLossQuantities];  // per channel
   int me = ubs_local_id();
   for (int turn = 0; turn < 3 * LOSS_SHARES / LOSS_TOTAL_GROUP; ++turn) {
     int i = me + turn * LOSS_TOTAL_GROUP;

@@ -5,7 +5,7 @@
 // and splat is written once, to its own slot. There are no float atomics, so the same inputs give bit-identical
 // results.
 
-// Splats per batch. Fewer than work-items, to stay below 32 KiB of local memory.
+// Splats per batch. This is less than the number of work-items, to stay below 32 KiB of local memory.
 #ifndef UBS_BACKWARD_BATCH
 #define UBS_BACKWARD_BATCH 128
 #endif

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward rasteriser for GPUs. The splats of a tile's list pass through local memory in batches of as many splats as
-// the tile has pixels. Long lists are rendered in parts (list_parts.h).
+// Forward rasteriser for GPUs. The splats of a tile's list are loaded into local memory in batches. A batch has as many
+// splats as the tile has pixels. Long lists are rendered in parts (list_parts.h).
 
 // Number of splats whose alphas a work-item computes before it blends them, so that these computations need not wait
 // for each other (docs/results/2026-11-26-h200-lists.md).
@@ -65,7 +65,7 @@ UBS_FN uint open_blocks(UBS_LOCAL const uint* votes) {
 
 // The state of a pixel after the splats in front of some position of its list.
 typedef struct {
-  float open;              // transmittance if the pixel is still open, else 0
+  float open;              // transmittance if the pixel is still open, otherwise 0
   float rest;              // transmittance after the last composited splat
   float r, g, b;
   float weighted_depth, weight;  // with UBS_DEPTH
@@ -90,7 +90,7 @@ UBS_FN ForwardPixel take_entries(ForwardPixel p, UBS_LOCAL ForwardShared* shared
   uint at = begin;
   for (int turn = 0; at < end; at += kItems, turn ^= 1) {
     vote_open(shared->votes[turn], p.open > 0.0f, pixel, item);
-    UBS_BARRIER();  // also: the splats of the previous batch are no longer read
+    UBS_BARRIER();  // also ensures that the previous batch is no longer read
     uint alive = open_blocks(shared->votes[turn]);
     if (alive == 0) break;  // the same branch for the whole group
     if (keeps && at != first && (at - first) % kListSegment == 0)

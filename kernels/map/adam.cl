@@ -40,7 +40,7 @@ UBS_KERNEL void adam_step_watched(UBS_GLOBAL real* params, UBS_GLOBAL const real
   AdamState s = adam_load(before, moment1 + at, moment2 + at);
   s = adam_update(s, UBS_LOAD(v_params + at), learning_rates[param_row], k);
   vmask bad = adam_not_finite(s);
-  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding can hold anything
+  if (ubs_any_lane(bad & (ubs_lane_indices(first) < (vuint)(count)))) sentinel[0] = stamp;  // padding is undefined
   s.param = bad ? before : s.param;
   adam_store(s, param, moment1 + at, moment2 + at);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Packs and unpacks the splats of views that several processes render together. The kernels copy the records of a
 // process's visible splats to consecutive places for the transfer, and copy the gradients back to all splats. The tile
-// rectangle travels in two unused values of the record. One work-item processes one splat.
+// rectangle is transferred in two unused values of the record. One work-item processes one splat.
 
 enum { kRectX = kSplatReach + 1, kRectY = kRectX + 1 };
 
@@ -26,7 +26,8 @@ UBS_KERNEL void pick_drawn(UBS_GLOBAL const float* records, UBS_GLOBAL const uin
   to[kRectY] = tile_rects[2 * (size_t)i + 1];
 }
 
-// Restores the depth keys, tile rectangles and tile counts from the records. The lists need these values in addition.
+// Restores the depth keys, tile rectangles and tile counts from the records. The kernels that build the lists need
+// these values in addition to the records.
 UBS_KERNEL void unpack_drawn(UBS_GLOBAL float* records, uint count, UBS_GLOBAL uint* depth_keys,
                              UBS_GLOBAL uint* tile_rects, UBS_GLOBAL uint* tile_counts) {
   uint i = UBS_GLOBAL_ID(0);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels of tile lists that need no cooperation of work-items.
 
-// Runs before lists that are built without the host knowing their length. It copies the numbers of visible splats and
-// of intersections from the totals, for the kernels that follow. If there are more intersections than `room`, it turns
-// the view into one without splats. So no later kernel has to guard its writes, and everything up to the gradient works
-// as for an empty view.
+// This kernel runs before the lists are built, if the host does not know their length. It copies the numbers of visible
+// splats and of intersections from the totals, for the kernels that follow. If there are more intersections than
+// `room`, it turns the view into one without splats. So no later kernel has to guard its writes, and all kernels up to
+// the gradient work as for an empty view.
 UBS_KERNEL void fit_lists(UBS_GLOBAL const ulong* totals, ulong room, uint count, uint items,
                           UBS_GLOBAL uint* tile_counts, UBS_GLOBAL uint* drawn, UBS_GLOBAL uint* pairs) {
   uint item = UBS_GLOBAL_ID(0);

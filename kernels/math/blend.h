@@ -86,7 +86,7 @@ UBS_FN BlendAlpha blend_alpha(BlendSplat s, vreal dx, vreal dy) { return blend_e
 // finish the pixel, it is skipped and the pixel is closed: its `open` transmittance becomes 0 and stays 0.
 typedef struct {
   vreal weight;
-  vreal open;        // transmittance if the pixel stays open, else 0
+  vreal open;        // transmittance if the pixel stays open, otherwise 0
   vmask composited;  // the splat contributes to the pixel
 } BlendStep;
 
@@ -109,8 +109,8 @@ UBS_FN vreal blend_expected_depth(vreal weighted_depth, vreal weight) {
 //   v_mean = -2 beta L^T sum h (p, q),   W = beta sum h (p, q) (p, q)^T   (EllipseVjp of ellipse.h).
 // Inside the support |(p, q)| < 1. In pixel coordinates, as sums of h d d^T, the short axis of a thin ellipse would be
 // lost in the rounding error of the long one.
-// For a Gaussian, h = v_alpha * alpha, and 1/2 takes the place of beta. With UBS_FALLOFF_OWN,
-// h = -ln 2 dG/dr v_alpha * alpha, and 1 takes the place of beta.
+// For a Gaussian, h = v_alpha * alpha, and beta is replaced by 1/2. With UBS_FALLOFF_OWN,
+// h = -ln 2 dG/dr v_alpha * alpha, and beta is replaced by 1.
 typedef struct {
   // h p, h q, h p^2, h p q, h q^2. With UBS_ABSGRAD the first two are |h p| and |l01 h p + l11 h q|.
   vreal hp, hq, hpp, hpq, hqq;

@@ -24,7 +24,7 @@ enum {
   kSkewed = (UBS_C > 1) & !UBS_DIRECT & !UBS_WHITEN,
 };
 
-// Symmetric 2 x 2.
+// Symmetric 2 x 2 matrix.
 typedef struct {
   vreal a, b, c;  // [[a, b], [b, c]]
 } Sym2;

@@ -4,7 +4,7 @@
 // K (ellipse.h).
 #pragma once
 
-// The camera of a view. The same for all splats of the view.
+// The camera of a view. It is the same for all splats of the view.
 typedef struct {
   real rotation[3][3];  // world -> camera
   real centre[3];

@@ -462,7 +462,7 @@ UBS_FN vreal splat_lobe_weight(SplatRaw raw, int l, Vec3 v) {
 }
 
 // Returns the gradient of the direction. v: gradient of the colour; v_lit: the same, but zero in the channels whose
-// harmonics are cut off at 0.
+// harmonics are clamped to 0.
 UBS_FN Vec3 splat_colour_direction_vjp(SplatRaw raw, Vec3 direction, Vec3 v, Vec3 v_lit) {
   ShBasis weight;
   UBS_UNROLL for (int k = 0; k < UBS_SH_COUNT; ++k)

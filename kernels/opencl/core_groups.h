@@ -36,7 +36,7 @@ static inline uint claim_group(volatile __global uint* claims, volatile __global
     const uint begin = (uint)((ulong)groups * of / UBS_CORES);
     const uint share = (uint)((ulong)groups * (of + 1) / UBS_CORES) - begin;
     volatile __global uint* taken = claims + of * kClaimStride;
-    if (*taken >= share) continue;  // reading first avoids taking the cache line from its core for nothing
+    if (*taken >= share) continue;  // this read avoids taking the cache line from its core unnecessarily
     const uint next = atomic_inc(taken);
     if (next < share) return begin + next;
   }

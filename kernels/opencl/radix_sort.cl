@@ -72,8 +72,8 @@ UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local 
 
 // offsets, totals: results of radix_rows. The block is first sorted by digit in local memory, by the low nibble and
 // then by the high one, so that equal digits are written as one run. Only digit and place move there; keys and payloads
-// are read from the block, which is still in the cache. The second payload is optional: both of its pointers are given
-// or both are null.
+// are read from the block, which is still in the cache. The second payload is optional: either both of its pointers
+// are set, or both are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
     __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,

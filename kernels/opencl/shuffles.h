@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Functions that interleave two vectors within each group of four lanes: the first or last two lanes of each group, as
-// single values or as pairs. Written like this, with all lanes spelled out in this order, they compile to the CPU's
-// unpack instructions, which take one cycle. Swizzles of several lanes do not (backward rasteriser 12 % slower). The
-// functions that follow for 16 lanes shuffle across the whole vector, which takes three cycles.
+// single values or as pairs. They list all lanes in this order, because then they compile to the CPU's unpack
+// instructions, which take one cycle. Swizzles of several lanes do not compile to these instructions (with them, the
+// backward rasteriser is 12 % slower). The functions that follow for 16 lanes shuffle across the whole vector, which
+// takes three cycles.
 #pragma once
 
 #if UBS_VW == 16
@@ -18,7 +19,7 @@ UBS_FN float16 pairs_low(float16 a, float16 b) {
 UBS_FN float16 pairs_high(float16 a, float16 b) {
   return (float16)(a.s2, a.s3, b.s2, b.s3, a.s6, a.s7, b.s6, b.s7, a.sa, a.sb, b.sa, b.sb, a.se, a.sf, b.se, b.sf);
 }
-// Across the whole vector.
+// Interleave two vectors across their whole length.
 UBS_FN float16 interleave_low(float16 a, float16 b) {
   return (float16)(a.s0, b.s0, a.s1, b.s1, a.s2, b.s2, a.s3, b.s3, a.s4, b.s4, a.s5, b.s5, a.s6, b.s6, a.s7, b.s7);
 }

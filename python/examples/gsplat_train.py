@@ -4,7 +4,8 @@
     python gsplat_train.py --strategy mcmc [DATA]
 
 DATA is a folder of any layout that ubs reads; without it, a synthetic scene is made. The same training loop runs with
-gsplat on CUDA, if the line below imports its names. `ubs train` is faster and has more than this example."""
+gsplat on CUDA, if the line below imports its names. `ubs train` is faster and has more functions than this
+example."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def start(points: Tensor) -> dict[str, torch.nn.Parameter]:
 
 
 def render(params: dict[str, Any], views: Views, i: int, degree: int = 3) -> tuple[Tensor, dict[str, Any]]:
-    """Returns the image (H, W, 3) of a view, and what a strategy needs."""
+    """Returns the image (H, W, 3) of a view, and the data that a strategy needs."""
     colors = torch.cat([params["sh0"], params["shN"]], 1)
     images, _, info = rasterization(
         params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), colors,
@@ -86,8 +87,8 @@ def psnr(params: dict[str, Any], views: Views) -> float:
 
 
 def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: int) -> dict[str, Any]:
-    """Returns the trained parameters. The number of Gaussians starts with `gaussians`, or with that of the points of the
-    data; "mcmc" lets it grow to at most `most`."""
+    """Returns the trained parameters. The initial number of Gaussians is the number of points of the data, or
+    `gaussians` if the data have no points. With "mcmc" it grows to at most `most`."""
     torch.manual_seed(0)
     views = Views(data.train)
     extent = views.extent()
@@ -125,11 +126,11 @@ def train(data: ubs.Dataset, strategy: str, steps: int, gaussians: int, most: in
 
 def main(arguments: Optional[list[str]] = None) -> None:
     parser = argparse.ArgumentParser(description="Trains Gaussians with ubs.gsplat.")
-    parser.add_argument("data", nargs="?", help="folder of images and cameras; none: a synthetic scene")
+    parser.add_argument("data", nargs="?", help="folder of images and cameras [a synthetic scene]")
     parser.add_argument("--strategy", choices=("default", "mcmc"), default="default")
     parser.add_argument("--steps", type=int, default=2000)
-    parser.add_argument("--gaussians", type=int, default=2000, help="number at the start, if the data have no points")
-    parser.add_argument("--cap-max", type=int, default=10000, help="maximum number with --strategy mcmc")
+    parser.add_argument("--gaussians", type=int, default=2000, help="initial number, if the data have no points")
+    parser.add_argument("--cap-max", type=int, default=10000, help="maximum number of Gaussians with --strategy mcmc")
     given = parser.parse_args(arguments)
     data = ubs.Dataset.open(given.data) if given.data else ubs.synth("glossy")
     params = train(data, given.strategy, given.steps, given.gaussians, given.cap_max)

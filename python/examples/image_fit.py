@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits Gaussians to one image: python image_fit.py IMAGE OUT.png [GAUSSIANS [STEPS]]. Needs PyTorch and Pillow.
 
-All Gaussians are in front of one camera, so what they learn is a picture and not a scene: a quick way to see
-rasterization() and an optimiser at work. The same code runs with gsplat on CUDA, if the line below imports its function."""
+All Gaussians are in front of one camera, so they learn an image and not a scene. This is a small example of
+rasterization() with an optimiser. The same code runs with gsplat on CUDA, if the line below imports its function."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the overhead of a call of model.render over the time of the device for the same images, which `ubs eval`
-measures by the
-device's own timers: python overhead.py MODEL DATA [REPEATS], with UBS_EXECUTABLE. Into a new array each time, whose
-page faults count, into one that is there, and left where the device drew it. By turns, and the least of several,
-because other work on the machine adds to all. A model of one splat leaves little else than overhead."""
+"""Measures the overhead of a call of model.render: its time minus the time that the device needs for the same images.
+`ubs eval` measures the time of the device with the device's own timers. Usage: python overhead.py MODEL DATA [REPEATS],
+with the environment variable UBS_EXECUTABLE.
+
+There are three kinds of calls. The first renders into a new array for each call, which includes the time of its page
+faults. The second renders into an existing array. The third leaves the image in the memory of the device. The kinds are
+measured in turn, and the minimum of several measurements is reported, because other work on the machine can only
+increase the times. With a model of one splat, almost all of the time is overhead."""
 
 from __future__ import annotations
 
@@ -53,11 +56,11 @@ def main(arguments: list[str]) -> None:
             reused[number] = min(reused[number], least_ms(lambda: model.render(view.camera, out=out)))
         devices.append(device_ms(*arguments[:2]))
     camera, device = views[0].camera, min(devices)
-    print(f"{camera.width} x {camera.height}, {len(model)} splats, device {device:.3f} ms; beyond it")
+    print(f"{camera.width} x {camera.height}, {len(model)} splats, device {device:.3f} ms; overhead of a call:")
     for name, calls in (("new array", new), ("out=", reused), ("copy=False", left)):
         call = statistics.median(calls)
         print(f"  {name}: {call:.3f} - {device:.3f} = {call - device:.3f} ms")
-    print(f"  page faults a call: {faults / (5 * repeats * len(views)):.1f}")
+    print(f"  page faults per call: {faults / (5 * repeats * len(views)):.1f}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Falloffs of one's own: expressions and their derivatives, and what devices draw with them, against float64."""
+"""Tests falloffs that the user defines: compares the values and derivatives of expressions, and the images that devices
+render with them, with float64."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ import pytest
 
 import ubs
 
-# Expressions, and the same in NumPy or PyTorch as log2 for a given beta
+# Expressions, and functions that compute log2 of the same falloff for a given beta in NumPy or PyTorch.
 EXPRESSIONS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "log2_1m(r)": lambda r, beta, m: beta * m.log2(1 - r),
     "log2_1m(r * r)": lambda r, beta, m: beta * m.log2(1 - r * r),

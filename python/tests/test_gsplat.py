@@ -49,7 +49,7 @@ def scene(splats: int = 120, channels: int = 3, cameras: int = 2, seed: int = 1,
     }
 
 
-# ---- The formulas, of one camera ----
+# ---- The formulas for one camera ----
 
 
 def rotations(quats: Any) -> Any:
@@ -77,8 +77,8 @@ def pixel_of(model: str, p: Any, k: Any) -> Any:
 
 
 def ellipse(model: str, p: Any, spread: Any, k: Any) -> Any:
-    """Returns covariances (n, 2, 2) from the derivative of pixel_of. As published, it is evaluated at x / z no farther
-    out than 15 % of the image."""
+    """Returns covariances (n, 2, 2) from the derivative of pixel_of. As published, it is evaluated at a point that is
+    at most 15 % of the image beyond its border."""
     at = p.clone()
     if model == "pinhole":
         low = torch.stack([-k[0, 2] / k[0, 0], -k[1, 2] / k[1, 1]])
@@ -93,7 +93,7 @@ def ellipse(model: str, p: Any, spread: Any, k: Any) -> Any:
     return jacobian @ spread @ jacobian.transpose(1, 2)
 
 
-SH = [  # as polynomials of unit vectors, from the integrals over the sphere; degrees 0 to 3
+SH = [  # degrees 0 to 3 as polynomials of unit vectors, derived from the integrals over the sphere
     lambda x, y, z: 0.5 * math.sqrt(1 / math.pi) + 0 * x,
     lambda x, y, z: -math.sqrt(3 / (4 * math.pi)) * y,
     lambda x, y, z: math.sqrt(3 / (4 * math.pi)) * z,
@@ -227,10 +227,10 @@ CASES: dict[str, dict[str, Any]] = {
     "sh 1": {"sh_degree": 1},
     "sh 2": {"sh_degree": 2, "render_mode": "RGB+ED"},
     "sh 3": {"sh_degree": 3},
-    "sh of cameras": {"sh_degree": 2},
+    "sh per camera": {"sh_degree": 2},
     "8 channels": {},
     "1 channel": {},
-    "colours of cameras": {},
+    "colours per camera": {},
     "covariances": {},
 }
 
@@ -240,7 +240,7 @@ def case(name: str) -> Tensors:
     g = torch.Generator().manual_seed(3)
     if name.startswith("sh"):
         s["colors"] = 0.4 * torch.randn(len(s["means"]), 16, 3, generator=g)
-    if name in ("sh of cameras", "colours of cameras"):
+    if name in ("sh per camera", "colours per camera"):
         s["colors"] = torch.stack([s["colors"], s["colors"].flip(0)])
     if name == "covariances":
         axes = rotations(s.pop("quats")) * s.pop("scales")[:, None, :]
@@ -259,8 +259,8 @@ def test_pixels_and_gradients_are_those_of_float64(name: str, packed: bool) -> N
 
 
 def within(errors: dict[str, float]) -> None:
-    """Observed on PoCL: 5.7e-7 for pixels and alpha, 2.8e-6 for depths, 6.0e-6 for the gradient of Ks, 3.9e-6 for
-    others."""
+    """Checks that errors are within their bounds. The errors observed on PoCL are 5.7e-7 for pixels and alpha, 2.8e-6
+    for depths, 6.0e-6 for the gradient of Ks, and 3.9e-6 for the others."""
     bounds = {"image": 1.1e-6, "alpha": 1.1e-6, "depth": 5.6e-6, "Ks": 1.2e-5}
     for name, error in errors.items():
         assert error <= bounds.get(name, 7.8e-6), name
@@ -393,7 +393,8 @@ def test_batches_are_those_of_single_calls() -> None:
 
 @pytest.mark.parametrize("packed", [True, False])
 def test_any_number_of_splats(packed: bool) -> None:
-    """Tests 0 Gaussians, more than before, and fewer again. Earlier renders must have no influence."""
+    """Tests 0 Gaussians, more Gaussians than in the previous render, and fewer. Earlier renders must not influence
+    later ones."""
     s = scene(splats=400)
     expected = {}
     for count in (0, 400, 37, 0, 300, 1, 400):
@@ -427,7 +428,8 @@ def test_what_is_changed_in_place_is_drawn() -> None:
 
 
 def test_gradients_after_other_pictures() -> None:
-    """Tests the gradient of alpha alone, of an image that was not rendered last, and of two backward passes."""
+    """Tests the gradient of alpha alone, the gradient of an image that was not rendered last, and two backward
+    passes."""
     s = scene(channels=5)
     means = s["means"].clone().requires_grad_()
     first = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)
@@ -437,7 +439,7 @@ def test_gradients_after_other_pictures() -> None:
     rasterization(**scene(splats=90, seed=5), width=30, height=20)
     (again,) = torch.autograd.grad((first[0] * weights).sum() + first[1].sum(), means)
     assert float((again - expected - of_alpha).norm() / again.norm()) < 1e-5
-    with pytest.raises(RuntimeError):  # no second order
+    with pytest.raises(RuntimeError):  # second-order gradients are not supported
         image = rasterization(**{**s, "means": means}, width=WIDTH, height=HEIGHT)[0]
         (gradient,) = torch.autograd.grad((image**2).sum(), means, create_graph=True)
         gradient.sum().backward()
@@ -471,7 +473,7 @@ def test_threads_draw_what_one_draws() -> None:
 @pytest.mark.parametrize("model", ["pinhole", "ortho", "fisheye"])
 def test_projection(model: str) -> None:
     s = scene(splats=300)
-    s["means"][:20, 2] = -5  # behind
+    s["means"][:20, 2] = -5  # behind the cameras
     radii, means2d, depths, conics, compensations = fully_fused_projection(
         s["means"], None, s["quats"], s["scales"], s["viewmats"], s["Ks"], WIDTH, HEIGHT, calc_compensations=True,
         camera_model=model, opacities=s["opacities"],
@@ -508,7 +510,8 @@ def test_projection(model: str) -> None:
 
 
 def test_harmonics() -> None:
-    """Tests values, and that harmonics of all degrees are orthonormal, by sums over many directions."""
+    """Tests the values of harmonics. Sums over many directions also show that harmonics of all degrees are
+    orthonormal."""
     g = torch.Generator().manual_seed(0)
     dirs, coeffs = torch.randn(200, 3, generator=g), torch.randn(200, 25, 3, generator=g)
     for degree in range(4):
@@ -565,12 +568,12 @@ def test_what_is_not_there_is_refused_by_name(word: str, changed: dict[str, Any]
 
 
 def test_absgrad_without_recorded_gradients_takes_any_channels() -> None:
-    """A trainer evaluates with the arguments of its training, RGB+D among them."""
+    """Trainers evaluate with the same arguments as in training, for example with RGB+D."""
     s = scene(splats=30)
     size: Any = {"width": WIDTH, "height": HEIGHT, "render_mode": "RGB+D"}
     expected = rasterization(**s, **size)[0]
     assert float(expected.std()) > 0.01
-    assert torch.equal(rasterization(**s, **size, absgrad=True)[0], expected)  # nothing requires gradients
+    assert torch.equal(rasterization(**s, **size, absgrad=True)[0], expected)  # no tensor requires gradients
     learnt = {name: value.clone().requires_grad_() for name, value in s.items()}
     with torch.no_grad():
         assert torch.equal(rasterization(**learnt, **size, absgrad=True)[0], expected)
@@ -585,13 +588,13 @@ def test_other_names_of_gsplat_are_imported_and_refused_when_called() -> None:
 
     calls: list[Any] = [SelectiveAdam, export_splats, rasterization_2dgs, rasterization_inria_wrapper]
     for call in [*calls, rasterization_2dgs_inria_wrapper]:
-        with pytest.raises(ubs.UsageError, match=f"^{call.__name__} is not there in ubs.gsplat: "):
+        with pytest.raises(ubs.UsageError, match=f"^{call.__name__} does not exist in ubs.gsplat: "):
             call(1, width=2)
     assert len(INSTEAD) > 60 and not set(INSTEAD) & set(ubs.gsplat.__all__)
     for name in INSTEAD:
         with pytest.raises(ubs.UsageError) as error:
             getattr(ubs.gsplat, name)()
-        assert str(error.value).startswith(f"{name} is not there") and INSTEAD[name] in str(error.value)
+        assert str(error.value).startswith(f"{name} does not exist") and INSTEAD[name] in str(error.value)
     assert not hasattr(ubs.gsplat, "no_such_name")
     with pytest.raises(ImportError):
         from ubs.gsplat import no_such_name  # noqa: F401
@@ -607,7 +610,7 @@ def test_values_that_are_not_finite_are_refused(name: str) -> None:
 
 
 def test_devices_without_addresses_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tests OpenCL on cards, where values are copied through host memory."""
+    """Tests the case of OpenCL on GPUs, where values are copied through host memory."""
     from ubs import _abi, _raster
 
     calls: list[str] = []

@@ -37,8 +37,8 @@ def learnt(count: int, dictionary: Any = dict) -> Maker:
 
 
 def moments(params: Any, optimizers: Any, name: str = "means") -> Any:
-    """Returns the Gaussian to which the moments of each one belong, or 0 for none. Also checks that the optimisers
-    contain these parameters."""
+    """Returns for each Gaussian the number of the Gaussian to which its moments belong, or 0 if its moments are 0. Also
+    checks that the optimisers contain these parameters."""
     for key, optimizer in optimizers.items():
         assert optimizer.param_groups[0]["params"][0] is params[key] and set(optimizer.state) == {params[key]}
         assert all(v.shape == params[key].shape for k, v in optimizer.state[params[key]].items() if k != "step")
@@ -69,8 +69,8 @@ def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> Non
         params["opacities"][5] = -9
     strategy.check_sanity(params, optimizers)
     state = strategy.initialize_state(scene_scale=1.0)
-    # The gradients of 1 and 2 are above the threshold, in units of half the image size and times the number of cameras.
-    # That of 0 is just below.
+    # The gradients of Gaussians 1 and 2 are above the threshold, in units of half the image size and times the number
+    # of cameras. The gradient of Gaussian 0 is just below it.
     gradient = torch.tensor([[0.99e-5, 0], [0, 2.1e-5], [1.1e-5, 0], [0, 0], [0, 0], [0, 0]])
     before = {name: value.detach().clone() for name, value in params.items()}
     for step in (9, 10):
@@ -78,7 +78,7 @@ def test_default_copies_splits_and_removes(dictionary: Any, packed: bool) -> Non
         strategy.step_pre_backward(params, optimizers, state, step, info)
         (info["means2d"] * info["v"]).sum().backward()
         strategy.step_post_backward(params, optimizers, state, step, info, packed=packed)
-    # 5 was removed, 2 was replaced by its two parts, and 1 has a copy.
+    # Gaussian 5 was removed, 2 was replaced by its two parts, and 1 was copied.
     ids = (params["colors"][:, 0] / 3).round().int().tolist()
     assert ids == [0, 1, 3, 4, 1, 2, 2]
     assert moments(params, optimizers).tolist() == [1, 2, 4, 5, 0, 0, 0]
@@ -100,17 +100,19 @@ def test_default_resets_opacities_and_counts_radii() -> None:
         strategy.step_pre_backward(params, optimizers, state, step, info)
         (info["means2d"] * info["v"]).sum().backward()
         strategy.step_post_backward(params, optimizers, state, step, info)
-        if step == 9:  # 1 of 20 pixels is not above grow_scale2d, 2 are
+        if step == 9:  # a radius of 1 of 20 pixels is not above grow_scale2d, but 2 of 20 is
             assert torch.equal(state["radii"], torch.full((3,), 0.05)) and state["count"].tolist() == [10.0] * 3
         if step == 10:
             assert len(params["means"]) == 3
         if step == 19:
             assert torch.allclose(torch.sigmoid(params["opacities"]), torch.tensor(0.5))
-    assert len(params["means"]) == 6  # each is split: 1 - sqrt(1 - 0.5) each, and reset to 2 * prune_opa
+    # Each Gaussian is split. Both parts get the opacity 1 - sqrt(1 - 0.5), which is then reset to 2 * prune_opa.
+    assert len(params["means"]) == 6
     assert torch.allclose(torch.sigmoid(params["opacities"]), torch.tensor(0.01), rtol=1e-4)
     assert float(optimizers["opacities"].state[params["opacities"]]["exp_avg"].abs().max()) == 0
     info = drawn(6, torch.zeros(6, 2))
-    strategy.step_post_backward(params, optimizers, state, strategy.refine_stop_iter, info)  # nothing, and no gradient
+    # From refine_stop_iter on, the strategy does nothing and needs no gradient.
+    strategy.step_post_backward(params, optimizers, state, strategy.refine_stop_iter, info)
 
 
 def test_relocation_is_that_of_the_paper() -> None:
@@ -144,13 +146,13 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     assert len(params["means"]) == 40
     ids = (params["colors"][:, 0] / 3).round().int()
     assert set(ids.tolist()) <= {3, 7, 8} and {7, 8} <= set(ids.tolist())
-    for i in (7, 8):  # all copies of one have its opacity and size
+    for i in (7, 8):  # all copies of a Gaussian have the same opacity and size
         mine = ids == i
         assert len(set(params["opacities"][mine].tolist())) == 1 and len(set(params["scales"][mine][:, 0].tolist())) == 1
         assert float(params["opacities"][mine][0]) < 1 and float(params["scales"][mine][0, 0]) < math.log(0.005)
     noted = moments(params, optimizers)
     assert float(noted[[i for i in range(40) if i != 3]].abs().max()) == 0
-    strategy.cap_max = 41  # one more, of at most 5 %
+    strategy.cap_max = 41  # one more, although up to 5 % more would be possible
     strategy.step_post_backward(params, optimizers, state, 20, {}, lr=1.0)
     assert len(params["means"]) == 41 and moments(params, optimizers)[40] == 0
     together = (params["means"] == params["means"][40]).all(-1) & (params["opacities"] == params["opacities"][40])
@@ -170,7 +172,7 @@ def test_mcmc_moves_adds_and_shakes() -> None:
     assert torch.equal(params["means"], means)
     still.step_post_backward(params, optimizers, {}, 10, {}, lr=0.5)
     assert not torch.equal(params["means"], means)
-    # A deviation of s^2 = 4, times the share 1 / (1 + exp(-0.5)) of an opacity near 0.
+    # The standard deviation is s^2 = 4, times the factor 1 / (1 + exp(-0.5)) for an opacity near 0.
     assert 1.7 < float(moved[:21].std()) < 3.3
 
 

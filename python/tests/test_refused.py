@@ -38,13 +38,13 @@ def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.
     ):
         with pytest.raises(ubs.UsageError, match="pass uint8, or floating point from 0 to 1"):
             call()
-    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, as renders may need it
+    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, because renders may need this
     assert set(dir(ubs.metrics)) >= {"psnr"} and ubs.metrics.__all__ == ["lpips", "measure", "psnr", "ssim"]
 
 
 def test_images_of_other_integers_are_refused(data: ubs.Dataset, model: ubs.Model) -> None:
     view = data.test[0]
-    wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped at 1
+    wide = view.image.astype(np.int64)  # 0 to 255, which would be clamped to 1
     for call in (lambda: ubs.metrics.psnr(wide, wide // 2), lambda: ubs.loss(model, view.camera, wide)):
         with pytest.raises(ubs.UsageError, match="int64: pass uint8"):
             call()
@@ -142,7 +142,7 @@ def test_files_of_unknown_formats_are_not_written(model: ubs.Model, tmp_path: Pa
 
 def test_absurd_pictures_are_refused_before_memory_is_taken(data: ubs.Dataset, model: ubs.Model) -> None:
     camera, renderer = data.test[0].camera, ubs.Renderer(model)
-    for side in (100_000, 2_000_000_000, 2**32 + 48, 48 - 2**32):  # ctypes would make 48 of the last two
+    for side in (100_000, 2_000_000_000, 2**32 + 48, 48 - 2**32):  # ctypes would convert the last two to 48
         absurd = replace(camera, width=side, height=side)
         for draw in (model.render, renderer.render, renderer.draw):
             with pytest.raises(ubs.Error, match=f"the image size {side}x{side} is not possible"):
@@ -163,7 +163,7 @@ def test_integers_that_c_would_wrap_are_refused(model: ubs.Model) -> None:
 
 def test_pictures_have_whole_pixels(data: ubs.Dataset, model: ubs.Model) -> None:
     camera = data.test[0].camera
-    for width in (48.5, 48.0, float("nan")):  # ctypes would cut the first
+    for width in (48.5, 48.0, float("nan")):  # ctypes would truncate the first one
         with pytest.raises(ubs.UsageError, match="integers"):
             model.render(replace(camera, width=width))  # type: ignore[arg-type]
     whole = replace(camera, width=np.int32(camera.width))

@@ -44,7 +44,7 @@ def test_gradients_are_those_of_the_library(data: ubs.Dataset) -> None:
         assert parameter.grad is not None
         assert np.array_equal(parameter.grad.numpy(), expected[name])
     other.sum().backward()
-    with pytest.raises(RuntimeError):  # no second order
+    with pytest.raises(RuntimeError):  # second-order gradients are not supported
         gradient = torch.autograd.grad(splats(cameras[0])[0].sum(), splats.xyz, create_graph=True)
         gradient[0].sum().backward()
     for name, values in splats.model().parameters.items():
@@ -56,7 +56,7 @@ def test_a_gradient_does_not_render_the_image_again(
     data: ubs.Dataset, monkeypatch: pytest.MonkeyPatch, shared: bool
 ) -> None:
     splats = ubs.torch.Splats(ubs.train(data, iterations=30, init_points=300, dim=6))
-    if not shared:  # as on OpenCL cards: values pass through host memory
+    if not shared:  # as with OpenCL on GPUs: values pass through host memory
         splats._drawing.place = None
     cameras = [view.camera for view in data.test]
     weights = torch.randn(40, 40, 3), torch.randn(40, 40)
@@ -78,7 +78,7 @@ def test_a_gradient_does_not_render_the_image_again(
     assert rendered() == 1
     both = gradient(first, first_alpha)
     assert rendered() == 0
-    again = gradient(first)  # the gradient of alpha has used up the image
+    again = gradient(first)  # after a gradient of alpha, the image must be rendered again
     assert rendered() == 1
     second, _ = splats(cameras[1])
     after = gradient(first)  # the image on the device is the second one
@@ -119,9 +119,9 @@ def test_the_drawing_of_jax_renders_once_for_a_gradient(data: ubs.Dataset, monke
     drawing.draw(cameras[0], arrays, True)
     first = gradient(cameras[0], [values.copy() for values in arrays], 0)  # JAX passes other arrays with equal values
     assert same(first, ubs.vjp(model, cameras[0], *v))
-    assert same(gradient(cameras[0], arrays, 1), first)  # the gradient of alpha has used up the image
+    assert same(gradient(cameras[0], arrays, 1), first)  # after a gradient of alpha, the image must be rendered again
     drawing.draw(cameras[0], arrays)
-    assert same(gradient(cameras[0], arrays, 1), first)  # drawn for no gradient
+    assert same(gradient(cameras[0], arrays, 1), first)  # the image was not rendered for a gradient
     drawing.draw(cameras[0], arrays, True)
     assert not same(gradient(cameras[1], arrays, 1), first)
     drawing.draw(cameras[0], arrays, True)
@@ -234,7 +234,7 @@ def test_functions_of_raw_parameters(data: ubs.Dataset) -> None:
         sum(picture.sum() for picture in empty).backward()
         assert none["xyz"].grad is not None and none["xyz"].grad.shape == (0, 3)
     white = ubs.torch.render({name: tensor.detach()[:0] for name, tensor in tensors.items()}, camera, dim=7,
-                             conditioning="direct", background="white")  # a text, as in the settings
+                             conditioning="direct", background="white")  # a string, as in the settings
     assert torch.equal(white[0], torch.ones(40, 40, 3)) and not white[1].any()
     with pytest.raises(ubs.UsageError, match="this variant has xyz, rgb"):
         ubs.torch.render({"xyz": tensors["xyz"]}, camera, dim=3)
@@ -265,7 +265,7 @@ def test_poses_may_be_larger_matrices_and_not_quite_rotations(data: ubs.Dataset)
         splats(camera, intrinsics=torch.zeros(3))
     with pytest.raises(ubs.UsageError, match="skew"):
         splats(camera, intrinsics=torch.tensor([[40.0, 5, 20], [0, 40, 20], [0, 0, 1]]))
-    # The gradient of the nearest rotation, from differences in float64 in the direction of each entry
+    # The gradient must be that of the nearest rotation. It is compared with differences in float64, entry by entry.
     crooked = four[:3] + 0.02 * torch.randn(3, 4, dtype=torch.float64)
     pose = crooked.clone().requires_grad_()
     splats(camera, pose=pose)[0].sum().backward()
@@ -315,8 +315,9 @@ def test_gradients_of_depth_and_camera_are_those_of_the_library(data: ubs.Datase
     assert np.allclose(intrinsics.grad.numpy(), of_camera.intrinsics, rtol=1e-6)
 
 
-# Relative 2-norm of a group of parameters. Observed on PoCL: 6.5e-5, 6.5e-5, 1.3e-4, 3.9e-4, all of intrinsics from
-# alpha. The gradients include the path through the view direction.
+# Bounds of the relative error (2-norm) of a group of parameters. The errors observed on PoCL are 6.5e-5, 6.5e-5, 1.3e-4
+# and 3.9e-4, all of them in the gradient of the intrinsics that is computed from alpha. The gradients include the path
+# through the view direction.
 BOUNDS = {(3, "rgb"): 1.3e-4, (3, "sh3"): 1.3e-4, (6, "rgb"): 2.6e-4, (7, "rgb"): 7.8e-4}
 
 

@@ -75,7 +75,7 @@ def relative(mine: Any, truth: Any) -> float:
 
 
 def compared(given: dict[str, Any], mine: Any, truth: Any) -> dict[str, float]:
-    """Relative errors of image, alpha, and the gradients of a sum over both, of float32 to float64."""
+    """Returns the errors of image, alpha, and the gradients of a sum over both, of float32 relative to float64."""
     channels = given["colors"].shape[1]
     weights = torch.randn(HEIGHT, WIDTH, channels, generator=torch.Generator().manual_seed(2)), torch.rand(HEIGHT, WIDTH)
     results = []
@@ -91,8 +91,8 @@ def compared(given: dict[str, Any], mine: Any, truth: Any) -> dict[str, float]:
     return {name: relative(value, results[1][name]) for name, value in results[0].items()}
 
 
-# Observed on PoCL, images and gradients: 2.2e-7 with Gaussians. With Beta kernels 1.8e-5 of means2d, because 1 - r is at
-# least 1e-5 in the slope (docs/method.md 3.1).
+# The errors observed on PoCL, for images and gradients, are 2.2e-7 with Gaussians. With Beta kernels the error is
+# 1.8e-5 for means2d, because 1 - r is at least 1e-5 in the slope (docs/method.md 3.1).
 BOUNDS = {"gaussian": 4.4e-7, "beta": 3.6e-5}
 
 
@@ -107,7 +107,7 @@ def test_ellipses_agree_with_float64(kernel: str, channels: int) -> None:
         assert error < (4.4e-7 if name in ("image", "alpha") else BOUNDS[kernel])
 
 
-# Observed on PoCL: 2.5e-7 of images, 2.0e-6 of gradients (means2d of the last one)
+# The errors observed on PoCL are 2.5e-7 for images and 2.0e-6 for gradients (means2d of the last expression).
 @pytest.mark.parametrize("text", EXPRESSIONS)
 def test_a_falloff_agrees_with_float64(text: str) -> None:
     mine, truth = partial(rasterize, falloff=text), partial(dense, log2=EXPRESSIONS[text])
@@ -153,7 +153,7 @@ def test_wrong_ellipses_are_refused() -> None:
         with pytest.raises(ubs.Error, match=message):
             rasterize(**{**given, name: wrong}, **size)
     for wrong_size in ({"width": 0, "height": 3}, {"width": 3.0, "height": 3}):
-        with pytest.raises(ubs.UsageError, match="integers from 1"):
+        with pytest.raises(ubs.UsageError, match="integers of at least 1"):
             rasterize(**given, **wrong_size)  # type: ignore[arg-type]
 
 
@@ -198,7 +198,7 @@ def test_conditioning_agrees_with_the_formulas(dim: int, mode: str) -> None:
         results.append([*(value.detach() for value in found), *(tensor.grad for tensor in tensors)])
     for a, b in zip(*results):
         assert torch.allclose(a, b, rtol=1e-9, atol=1e-9 * float(b.abs().max()))
-    plain = condition(given[0], given[1], None, given[3])  # the conditional of a Gaussian
+    plain = condition(given[0], given[1], None, given[3])  # the conditional distribution of a Gaussian
     expected = by_inverse(*given, torch.ones_like(given[2]), False)
     assert torch.allclose(plain[0], expected[0]) and torch.allclose(plain[1], expected[1]) and (plain[2] == 1).all()
     one = condition(*given[:3], given[3][0])
@@ -224,7 +224,7 @@ def test_wrong_arguments_of_conditioning_are_refused() -> None:
 
 
 def raw_parameters(data: ubs.Dataset, dim: int, conditioning: str) -> dict[str, Any]:
-    # Without refinements, which would make pairs of splats at the same depth
+    # There are no refinements, because these would create pairs of splats at the same depth.
     settings = {"iterations": 60, "init_points": 400, "init_extent": 1.3, "refine": "0:0:1"}
     model = ubs.train(data, dim=dim, conditioning=conditioning, **settings)
     return {name: torch.from_numpy(values.copy()).requires_grad_() for name, values in model.parameters.items()}
@@ -271,7 +271,7 @@ def by_functions(raw: dict[str, Any], camera: ubs.Camera, dim: int, direct: bool
     )
 
 
-# Observed on PoCL: images 9.3e-7, gradients 2.6e-6 (of xyz with N = 7).
+# The errors observed on PoCL are 9.3e-7 for images and 2.6e-6 for gradients (of xyz with N = 7).
 @pytest.mark.parametrize("dim, conditioning", [(6, "covariance"), (7, "covariance"), (6, "direct"), (7, "direct")])
 def test_the_functions_together_are_the_method(folder: Path, dim: int, conditioning: str) -> None:
     data = ubs.Dataset.open(folder)

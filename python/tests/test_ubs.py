@@ -295,12 +295,12 @@ def test_errors_have_kinds(data: ubs.Dataset, model: ubs.Model, tmp_path: Path) 
         ubs.vjp(model, data.test[0].camera, np.zeros((3, 3, 3)))
     with pytest.raises(ubs.UsageError, match="shape"):
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], np.zeros((2, 3, 4)), (1, 1, 1, 1))
-    with pytest.raises(ubs.UsageError, match="colours require points"):  # which would be skipped
+    with pytest.raises(ubs.UsageError, match="colours require points"):  # otherwise they would be ignored
         ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), colours=[[1, 2, 3]])
     for size in ((4,), (4, 4), ()):
         with pytest.raises(ubs.UsageError, match=re.escape(f"image 0 has the shape {size}, not (H, W, 3)")):
             ubs.Dataset.from_arrays([np.zeros(size)], [np.eye(4)[:3]], (4, 4, 2, 2))
-    for number in (-1, 1):  # which would all be used for training
+    for number in (-1, 1):  # otherwise all views would be used for training
         with pytest.raises(ubs.UsageError, match=f"view {number} does not exist"):
             ubs.Dataset.from_arrays([np.zeros((4, 4, 3))], [np.eye(4)[:3]], (4, 4, 2, 2), test=[number])
     with pytest.raises(ubs.DataError, match="rotation"):
@@ -519,7 +519,7 @@ def test_a_picture_that_was_not_copied_keeps_its_memory(data: ubs.Dataset, model
     assert np.array_equal(model.render(other), large)
     renderer = ubs.Renderer(model, gradients=True)
     renderer.draw(camera)
-    held = np.asarray(renderer.array("rgb"))[1:]  # a part also keeps it alive
+    held = np.asarray(renderer.array("rgb"))[1:]  # a part of the array also keeps it alive
     for draw in (renderer.render, renderer.draw, lambda c: renderer.vjp(c, np.zeros((480, 640, 3)))):
         with pytest.raises(ubs.UsageError, match="in use"):
             draw(other)

@@ -20,7 +20,7 @@ logger = logging.getLogger("ubs")
 
 
 def _open() -> ctypes.CDLL:
-    """Loads the library: UBS_LIBRARY, or the one inside of the package, or the one that the system finds."""
+    """Loads the library: the file in UBS_LIBRARY, or the one in the package, or the one that the system finds."""
     name = f"libubs.so.{ABI_VERSION}"
     chosen = os.environ.get("UBS_LIBRARY")
     own = Path(__file__).parent / "lib" / name
@@ -28,10 +28,10 @@ def _open() -> ctypes.CDLL:
     try:
         library = ctypes.CDLL(path)
     except OSError as error:
-        raise ImportError(f"the library of ubs cannot be loaded: {error}; UBS_LIBRARY names another") from None
+        raise ImportError(f"the library of ubs cannot be loaded: {error}: set UBS_LIBRARY to its path") from None
     version = int(library.ubs_abi_version())
     if version != ABI_VERSION:
-        raise ImportError(f"{path} has the interface {version}, this package needs {ABI_VERSION}")
+        raise ImportError(f"{path} has interface version {version}, but this package requires {ABI_VERSION}")
     return library
 
 
@@ -293,8 +293,8 @@ def _check_integers(name: str, arguments: tuple[Any, ...]) -> None:
                 raise UsageError(f"ubs_{name}: {value} is not an integer from {low} to {end - 1}")
 
 
-# Drivers have threads, which a forked process does not have: the first call to a driver would wait forever. Functions
-# that only use the host work.
+# Drivers have threads, which do not exist in a forked process, so the first call to a driver would wait forever.
+# Functions that only use the host work.
 _DRIVEN = ("device", "renderer", "trainer", "meter")
 _drivers_are_loaded = _drivers_are_lost = False
 
@@ -329,7 +329,7 @@ class Handle:
 
     def __init__(self, kind: str, maker: str, *arguments: Any) -> None:
         self._kind = kind
-        # The value that ctypes passes. Calls are given this object, so that it exists until they return.
+        # The value that ctypes passes. Calls take this object as argument, so that it exists until they return.
         self._as_parameter_ = c_void_p()
         call(maker, *arguments, ctypes.byref(self._as_parameter_))
 

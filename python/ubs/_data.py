@@ -33,8 +33,8 @@ def floats(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> FloatArr
 
 
 def check_range(array: npt.NDArray[Any], what: str) -> None:
-    """Raises UsageError if floating-point values have another range than 0 to 1, such as 0 to 255. Rendered images may
-    lie somewhat outside of it."""
+    """Raises UsageError if floating-point values have another range than 0 to 1, such as 0 to 255. Values slightly
+    outside of 0 to 1 are accepted, because rendered images may contain them."""
     if array.size and (array.min() < -1 or array.max() > 2):
         raise UsageError(
             f"{what} has values from {array.min():.4g} to {array.max():.4g}: pass uint8, or floating point from 0 to 1"
@@ -184,15 +184,15 @@ class View:
 
 class Dataset(_abi.Handle):
     """Views with cameras and images in the splits "train", "test" and "val". Created by open(), from_arrays() or
-    synth(). len() is the number of all views, and iteration goes through them in this order.
+    synth(). len() is the number of all views, and iteration returns them in this order.
 
-    A copy of a data set, or one that was pickled, opens the same files again, and has copies of views and points that
-    were added."""
+    A copied or unpickled data set opens the same files again, and has copies of the views and points that were
+    added."""
 
     SPLITS = ("train", "test", "val")
     # A function that opens the files again, and its arguments
     _source: tuple[Callable[[str, dict[str, Any]], Dataset], str, dict[str, Any]] | None = None
-    _temporary: Any = None  # the folder of the files, if it disappears with the data set
+    _temporary: Any = None  # the folder of the files, if it is deleted together with the data set
     _points: tuple[npt.ArrayLike, npt.ArrayLike | None] | None = None
 
     @classmethod
@@ -385,13 +385,13 @@ def synth(
 ) -> Dataset:
     """Makes a procedural scene with exact cameras, as `ubs synth` does, and opens it.
 
-    scene: "glossy" (static, with reflections), "orbit" (dynamic) or "cloud" (a volume). size: of the images in pixels,
-    or (width, height). supersampling: rays per pixel along each axis. out: a folder for the files; None: they are
-    temporary. overwrite: replace an earlier scene in `out`. Takes about a second for the default values."""
+    scene: "glossy" (static, with reflections), "orbit" (dynamic) or "cloud" (a volume). size: side of the images in
+    pixels, or (width, height). supersampling: rays per pixel along each axis. out: a folder for the files; None: they
+    are temporary. overwrite: replace an earlier scene in `out`. Takes about a second for the default values."""
     again = {"size": size, "views": views, "test_views": test_views, "val_views": val_views,
              "supersampling": supersampling, "seed": seed}
     width, height = (size, size) if isinstance(size, int) else size
-    # name, value, least value
+    # name, value, minimum
     integers = [("views", views, 1), ("test_views", test_views, 0), ("val_views", val_views, 0), ("width", width, 1),
                 ("height", height, 1), ("supersampling", supersampling, 1), ("seed", seed, 0)]
     for name, value, least in integers:

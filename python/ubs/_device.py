@@ -56,7 +56,8 @@ def devices() -> list[DeviceInfo]:
 
 
 def request_text(request: Union[str, int, None]) -> str:
-    """Returns the request in the form that the library takes. A bool is an int, but not the index of a device."""
+    """Converts the request to the text that the library expects. Rejects bool, which is a subclass of int, but not the
+    index of a device."""
     if request is None:
         return ""
     if isinstance(request, str):
@@ -69,9 +70,10 @@ def request_text(request: Union[str, int, None]) -> str:
 
 
 class Device(_abi.Handle):
-    """An open device. `request`: an index in the order of `ubs devices`, "cpu", "gpu", "cuda", "opencl", or a part of a
-    name; "": UBS_DEVICE, or the first GPU if that is not set, or the first device if there is no GPU. Functions that
-    take a device also accept such a request, and open the device once."""
+    """An open device. `request` is an index in the order of `ubs devices`, "cpu", "gpu", "cuda", "opencl", or a part of
+    a name. An empty text selects the device in UBS_DEVICE. If that variable is not set, it selects the first GPU, or
+    the first device if there is no GPU. Functions that take a device also accept such a request, and open the device
+    once."""
 
     def __init__(self, request: Union[str, int] = "") -> None:
         self._request = request_text(request)
@@ -87,7 +89,7 @@ class Device(_abi.Handle):
 
     @property
     def allocated_bytes(self) -> int:
-        """Device memory that objects created with this device use."""
+        """Device memory in use by objects that were created with this device, in bytes."""
         info = _abi.DeviceInfo()
         _abi.call("device_get_info", self, ctypes.byref(info))
         return int(info.allocated_bytes)

@@ -16,7 +16,7 @@ from ._model import Image, Model, Renderer
 
 
 class Drawing:
-    """`settings`: those of Renderer."""
+    """Renders a model with values that are replaced before each call. `settings` are those of Renderer."""
 
     def __init__(self, model: Model, device: DeviceLike, depth: bool, settings: dict[str, Any] | None = None) -> None:
         self.model = model.copy()
@@ -43,7 +43,7 @@ class Drawing:
 
     def resize(self, shapes: Sequence[Sequence[int]]) -> None:
         """Changes the number of splats to that of parameters with these shapes, which are in the order of names.
-        UsageError if the shapes do not fit together."""
+        Raises UsageError if the shapes are not consistent with each other."""
         self.kept = None
         splats = shapes[0][0] if len(shapes[0]) == 2 else -1
         for name, shape in zip(self.names, shapes):
@@ -76,7 +76,8 @@ class Drawing:
     def differentiate(
         self, camera: Camera, arrays: Sequence[FloatArray], v_pictures: Sequence[FloatArray]
     ) -> dict[str, FloatArray]:
-        """Renders again unless draw() with for_gradient has rendered this camera and these values last."""
+        """Returns the gradients of the parameters. Renders again, unless the last image is that of draw() with
+        for_gradient, this camera and these values."""
         same = all(np.array_equal(self.values[name], array) for name, array in zip(self.names, arrays))
         if self.kept is not camera or not same:
             self.put(arrays)

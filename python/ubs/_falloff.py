@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The falloff of splats as an expression: its C form for the kernels, its derivatives, its values in float64, and the
-comparison of a device with them."""
+"""The falloff of splats as an expression. Converts the expression to C for the kernels, computes its
+derivatives, evaluates it in float64, and compares the results of a device with these values."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ._errors import NumericalError, UsageError
 # number, r, beta, + - * / of two nodes, those of FUNCTIONS, and less: ("less", a, b, x, y) is x where a < b, else y.
 Node = tuple[Any, ...]
 LOG2E = 1 / math.log(2)
-MOST_CHARACTERS = 4000  # of an expression in C; drivers limit the length of their options
-# The kernels evaluate an expression up to the first of these parts of the support, and its slope up to the second one
+MOST_CHARACTERS = 4000  # maximum length of an expression in C; drivers limit the length of their options
+# The kernels evaluate an expression up to the first of these fractions of the support, and its slope up to the second
 # (own_inside() in kernels/math/blend.h).
 END, RIM = 1 - 1e-6, 1 - 1e-5
 ALPHA_MAX = 0.999  # UBS_ALPHA_MAX of kernels/limits.h
-MOST_ERROR = 1e-4, 1e-3  # of alpha on a device, and of gradients, relative; 2.5e-6 and 1.5e-5 in the tests
+MOST_ERROR = 1e-4, 1e-3  # of alpha, and of gradients (relative error); observed in the tests: 2.5e-6 and 1.5e-5
 
 
 def _number(value: float) -> Node:
@@ -85,7 +85,7 @@ def _power(base: Node, exponent: Node) -> Node:
 
 
 def _node(tree: ast.AST) -> Node:
-    """Converts an expression of Python. ValueError with the part that is not allowed."""
+    """Converts a Python expression to a node. Raises ValueError with the part that is not allowed."""
     if isinstance(tree, ast.Constant) and type(tree.value) in (int, float) and abs(tree.value) < 3e38:
         return _number(tree.value)
     if isinstance(tree, ast.Name) and tree.id in ("r", "beta"):
@@ -127,7 +127,7 @@ def _parsed(text: str) -> Node:
     except SyntaxError as error:
         wrong = f"{error.msg} at character {error.offset}"
     except (ValueError, RecursionError, MemoryError) as error:
-        wrong = f"'{error}' is not allowed" if isinstance(error, ValueError) else "it is too deep"
+        wrong = f"'{error}' is not allowed" if isinstance(error, ValueError) else "it is nested too deeply"
     raise UsageError(
         f"falloff '{text[:200]}': {wrong}. An expression has r, beta, numbers, + - * / **, x if a < b else y, abs, min, "
         f"max, {', '.join(FUNCTIONS)}"
@@ -135,7 +135,7 @@ def _parsed(text: str) -> Node:
 
 
 def _code(node: Node) -> str:
-    """C without blanks, because it becomes an option of a compiler."""
+    """Returns C code without blanks, because it is passed to a compiler as an option."""
     name, *operands = node
     if name == "number":
         return f"V({node[1]!r})" if node[1] >= 0 else f"(-V({-node[1]!r}))"
@@ -163,7 +163,7 @@ def _value(node: Node, r: FloatArray | float, beta: FloatArray | float) -> Any:
 
 
 def _derivative(node: Node, of: str) -> Node:
-    """The derivative with respect to `of`, which is r or beta."""
+    """Returns the derivative with respect to `of`, which is r or beta."""
     name, *x = node
     if name in ("number", "r", "beta"):
         return _number(1 if name == of else 0)
@@ -193,9 +193,10 @@ class Falloff:
     use numbers, + - * / **, `x if a < b else y`, exp, exp2, log, log2, log2_1m, sqrt, sin, cos, abs, min and max. The
     kernels compute with float32, and results below 2^-126 become 2^-126.
 
-    `slope`: the derivative of `log2` with respect to r; None: it is derived from the expression. `support`: splats end at
-    this r, and log2 is evaluated only below it. With a larger support than 1, an ellipse can mark the standard
-    deviations: Falloff("-0.7213475 * r", support=11.0889) is a Gaussian, for a beta of 1, that ends at 3.33 of them.
+    `slope` is the derivative of `log2` with respect to r. If it is None, it is derived from the expression. Splats end
+    where r is equal to `support`, and log2 is evaluated only for smaller values of r. If the support is larger than 1,
+    the ellipse of a splat can represent its standard deviations. For example, with a beta of 1,
+    Falloff("-0.7213475 * r", support=11.0889) is a Gaussian that ends at 3.33 standard deviations.
 
     The kernels are compiled, and compared with float64, when a falloff is first used on a device. Raises UsageError for
     a wrong expression, and NumericalError if a value between 0 and the support is not finite, if the slope is not the
@@ -230,7 +231,7 @@ class Falloff:
         return _again, (self.log2, self.slope, self.support)
 
     def values(self, r: FloatArray, beta: FloatArray | float) -> tuple[Any, Any, Any]:
-        """log2 and its derivatives with respect to r and beta, in the type of the arguments."""
+        """Returns log2 and its derivatives with respect to r and beta, in the type of the arguments."""
         with np.errstate(all="ignore"):
             log2, r_slope, beta_slope = (_value(node, r, beta) + 0 * r
                                          for node in (self._log2, self._r_slope, self._beta_slope))
@@ -252,12 +253,13 @@ class Falloff:
                     k = int(np.argmax(off))
                     raise NumericalError(
                         f"falloff '{self.log2}': the slope '{self.slope}' is {found[1][k]:.6g} at r = {r[k]:.6g} and "
-                        f"beta = {beta:g}, but the expression rises by {about[k]:.6g}"
+                        f"beta = {beta:g}, but the slope of the expression is {about[k]:.6g}"
                     )
 
     def check(self, renderer_of: Callable[[Any], Any], model_of: Callable[[int], Any], name: str) -> None:
-        """Draws splats that do not overlap, and compares their alpha and its gradients with float64. `renderer_of` makes
-        a renderer of a model, `model_of` an empty model of so many flat splats; `name`: that of the device."""
+        """Renders splats that do not overlap, and compares their alpha and its gradients with float64. `renderer_of`
+        creates a renderer for a model. `model_of` creates an empty model with the given number of flat splats. `name`
+        is the name of the device."""
         columns, rows, cell, depth = 4, 3, 24, 96.0
         width, height, n = columns * cell, rows * cell, columns * rows
         k = np.arange(n)
@@ -278,7 +280,7 @@ class Falloff:
         q = (d[..., 1] - shear[:, None, None] * p) / scale[:, 1, None, None]
         r = p * p + q * q
         inside = r < self.support
-        clear = (np.abs(r - self.support) > 1e-4 * self.support).all(0)  # not where rounding decides about the end
+        clear = (np.abs(r - self.support) > 1e-4 * self.support).all(0)  # skips pixels near the end of the support
         weights = np.random.default_rng(1).random((height, width)) * clear
         renderer = renderer_of(model)
         drawn = renderer.render(camera).alpha

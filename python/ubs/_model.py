@@ -38,7 +38,7 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class CameraGradient:
-    """Gradient with respect to a camera, for changes after which its rotation is still a rotation."""
+    """Gradient with respect to a camera, restricted to changes that keep its rotation matrix a rotation."""
 
     pose: npt.NDArray[np.float64]
     """(6,), for motions in the camera's frame: rotations w about its axes [1/rad], then translations u along them,
@@ -86,8 +86,8 @@ class Parameters(Mapping[str, FloatArray]):
 
 
 class Model(_abi.Handle):
-    """Splats in host memory. Created by load(), empty(), initial(), copy(), or by training. len() is the number of
-    splats."""
+    """Splats in host memory. Models are created by load(), empty(), initial(), copy(), or by training. len() returns
+    the number of splats."""
 
     def __init__(self, maker: str, *arguments: Any) -> None:
         super().__init__("model", maker, *arguments)
@@ -133,8 +133,9 @@ class Model(_abi.Handle):
         return f"<ubs.Model: {len(self)} splats, N = {self.dim}, form {self.form}>"
 
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
-        """Saves the model. format: a name of `ubs convert --to`, for example "spz" or "3dgs". "ubs" saves everything;
-        other formats store the model at `time`. None: by the extension; .ply means "ubs". Replaces an existing file."""
+        """Saves the model. `format` is a name that `ubs convert --to` accepts, for example "spz" or "3dgs". "ubs" saves
+        everything; other formats store the model at `time`. If `format` is None, the extension determines the format,
+        where .ply means "ubs". Replaces an existing file."""
         _abi.call("model_save", self, _abi.path_bytes(path), (format or "auto").encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
@@ -162,8 +163,9 @@ class Model(_abi.Handle):
 
     @property
     def parameters(self) -> Parameters:
-        """Raw parameters by name, such as "xyz": arrays (splats, values per splat) that share memory with the model, so
-        values written to them are rendered. If the model has splats of different dimensions, use groups."""
+        """Raw parameters by name, such as "xyz". They are arrays (splats, values per splat) that share memory with the
+        model, so values that are written to them are rendered. If the model has splats of different dimensions, use
+        groups."""
         groups = self.groups
         if len(groups) > 1:
             raise UsageError(f"the model has splats of {len(groups)} different dimensions: use groups")
@@ -211,9 +213,10 @@ class Model(_abi.Handle):
         out: FloatArray | None = None,
         copy: bool = True,
     ) -> FloatArray:
-        """Renders a view and returns (H, W, 3), not clamped. `time` replaces that of the camera. `out`: an array to
-        render into, which saves allocating memory for a large image. `copy=False` returns the renderer's own memory, on
-        a CPU with PoCL; it is valid until the model's next image. UsageError on other devices."""
+        """Renders a view and returns (H, W, 3), not clamped. `time` replaces that of the camera. `out` is an array
+        to render into, which avoids allocating memory for a large image. `copy=False` returns the renderer's own
+        memory, which is valid until the next image of the model. This requires a CPU with PoCL; other devices raise
+        UsageError."""
         renderer = self.renderer(device)
         # Rendering this size would free the memory of that array
         if renderer._lends_other(camera.height, camera.width):
@@ -256,13 +259,14 @@ def _model_of(file: bytes) -> Model:
 
 
 class Renderer(_abi.Handle):
-    """A model on a device. `settings` are settings for rendering, such as background. The values of the others are
-    those stored in the model. `gradients`: the renderer can compute gradients. They include the path through the view
-    direction to the positions of splats. Training and publications ignore this path; the setting query_grad=False
-    ignores it here, too. `absgrad`: vjp() uses the absolute value of each pixel's contribution to the gradient of a
-    splat's position in the image, for x and y separately, which is a criterion for densification; requires `gradients`.
-    `falloff`: replaces the kernel beta by another function that describes how the opacity of splats decreases with the
-    distance from their centre: a ubs.Falloff, or its text. Model files do not record it."""
+    """A model on a device. `settings` are settings for rendering, such as background. All other settings have the
+    values that are stored in the model. With `gradients`, the renderer can compute gradients. They include the path
+    through the view direction to the positions of splats. Training and publications ignore this path; the setting
+    query_grad=False ignores it here, too. With `absgrad`, which requires `gradients`, vjp() uses the absolute value
+    of each pixel's contribution to the gradient of a splat's position in the image, for x and y separately. This is a
+    criterion for densification. `falloff`, which is a ubs.Falloff or its text, replaces the kernel beta by another
+    function that describes how the opacity of splats decreases with the distance from their centre. Model files do not
+    record it."""
 
     def __init__(
         self,
@@ -297,7 +301,7 @@ class Renderer(_abi.Handle):
                 chosen.set(key, value)
             _abi.call("settings_check", chosen, _abi.USE_RENDERER)
         self._v_rgb = 0  # address of the last returned array
-        self._kept_size = 0, 0  # of the last image that was rendered for a gradient
+        self._kept_size = 0, 0  # size of the last image that was rendered for a gradient
         self._lent: list[weakref.ref[DeviceArray]] = []  # returned arrays of images
         self._lock = threading.RLock()  # computing gradients takes several calls, and any thread may make them
         own = None if falloff is None else ctypes.byref(falloff.to_c())
@@ -359,8 +363,8 @@ class Renderer(_abi.Handle):
         return Image(rgb, weight, depth)
 
     def draw(self, camera: Camera, *, for_gradient: bool = False) -> None:
-        """Renders a view and leaves it on the device, where array() gives access to it. `for_gradient`: vjp(None, ...)
-        can differentiate this image without rendering it again."""
+        """Renders a view and keeps it on the device, where array() gives access to it. With `for_gradient`,
+        vjp(None, ...) can differentiate this image without rendering it again."""
         image = _abi.Image(for_gradient=for_gradient)
         with self._lock:
             self._take_size(camera.height, camera.width)
@@ -369,7 +373,7 @@ class Renderer(_abi.Handle):
 
     def array(self, name: str, group: int = 0, *, size: tuple[int, int] = (0, 0)) -> DeviceArray:
         """Returns an array in the memory of the device, for torch.from_dlpack and similar functions (on a CPU also
-        np.asarray). Available on CUDA devices and on CPUs with PoCL; UsageError on others.
+        np.asarray). Available on CUDA devices and on CPUs with PoCL; other devices raise UsageError.
 
         - "parameters" (rows, splats), in the order of Model.parameters; may be written
         - of the last rendered image: "rgb" (H, W, 3), but not after vjp() of alpha or depth; "transmittance" (H, W),
@@ -377,9 +381,9 @@ class Renderer(_abi.Handle):
         - "v_rgb": zeros of `size` (H, W, 3), to be written and passed to vjp()
         - "gradient" (rows, splats), after vjp() or loss()
 
-        The library has finished using the array. The caller must also have finished, including work in streams, before
-        the next call here. The array is valid until a view of another size is rendered; this is refused while the array
-        is in use."""
+        When this function returns, the library has finished using the array. The caller must finish using it, including
+        work in streams, before the next call of this renderer. The array is valid until a view of another size is
+        rendered; such a view is refused while the array is in use."""
         if name not in _abi.ARRAYS:
             raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
@@ -399,7 +403,7 @@ class Renderer(_abi.Handle):
 
     def _gradients(self) -> Model:
         if self._like is None:
-            raise UsageError("the renderer was made without gradients=True")
+            raise UsageError("the renderer was created without gradients=True")
         return self._like
 
     def vjp(
@@ -412,15 +416,15 @@ class Renderer(_abi.Handle):
         parameters: bool = True,
     ) -> list[dict[str, FloatArray]]:
         """See ubs.vjp(). Returns one dictionary per group, or none with `parameters=False`, for callers that only need
-        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. camera: None:
-        differentiates the image of the last draw() or render() with for_gradient=True, or vjp(camera), and does not
-        render it again. UsageError if the parameters were replaced or requested since, or if gradients of alpha or
-        depth were computed."""
+        camera_gradient() or array("gradient"). v_rgb may be array("v_rgb"); then v_alpha must be None. If camera is
+        None, differentiates the image of the last draw() or render() with for_gradient=True, or of the last
+        vjp(camera), without rendering it again. In this case, raises UsageError if the parameters have been replaced or
+        requested since that call, or if gradients of alpha or depth have been computed."""
         into = self._gradients()
         size = self._kept_size if camera is None else (camera.height, camera.width)
         # Any other address would be read as host memory
         if isinstance(v_rgb, DeviceArray) and v_rgb.address != self._v_rgb:
-            raise UsageError('v_rgb is an array of a device, and not what array("v_rgb") of this renderer gave last')
+            raise UsageError('v_rgb is a device array, but not the last array("v_rgb") of this renderer')
         on_device = v_rgb.address if isinstance(v_rgb, DeviceArray) else None
         rgb = None if v_rgb is None or isinstance(v_rgb, DeviceArray) else floats(v_rgb, (*size, 3), "v_rgb")
         alpha = None if v_alpha is None else floats(v_alpha, size, "v_alpha")
@@ -434,8 +438,8 @@ class Renderer(_abi.Handle):
             return _copied(into) if parameters else []
 
     def camera_gradient(self) -> CameraGradient:
-        """Returns the gradient with respect to the camera that belongs to the last call of vjp() or loss(). It includes
-        the effect of the view direction on the splats, whatever query_grad is. UsageError if the background is a
+        """Returns the gradient with respect to the camera for the last call of vjp() or loss(). It includes the effect
+        of the view direction on the splats, for every value of query_grad. Raises UsageError if the background is a
         sky."""
         g = _abi.CameraGradient()
         _abi.call("renderer_camera_gradient", self, ctypes.byref(g))
@@ -479,7 +483,8 @@ class Renderer(_abi.Handle):
 
 
 def as_float(image: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Converts uint8 to the same float values as the library does, bit by bit; keeps floating-point values."""
+    """Converts uint8 to float, with values that are bit-identical to those of the library. Does not change
+    floating-point values."""
     array = np.asarray(image)
     if array.dtype == np.uint8:
         return array.astype(np.float32) / np.float32(255)

@@ -3,7 +3,7 @@
 
 The renderer of the library needs splats in 3D space. So each ellipse is converted to a flat splat, parallel to the
 image plane of a pinhole camera at the origin. It is at the depth of the ellipse, and its size is such that this camera
-sees the ellipse. The gradients of the ellipses are those of these splats times known factors."""
+sees the ellipse. The gradients of the ellipses are the gradients of these splats, multiplied by known factors."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 class Slot:
     """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
-    lock while using it. `kernel`: a key of NAMES. With `absgrad`, the gradients of xyz sum absolute values. `falloff`
-    takes the place of the kernel beta."""
+    lock while using it. `kernel` is a key of NAMES. With `absgrad`, the gradients of xyz are sums of absolute values.
+    `falloff` replaces the kernel beta."""
 
     def __init__(self, device: Device, room: int, kernel: str, absgrad: bool, falloff: Falloff | None) -> None:
         self.device, self.room, self.kernel, self.absgrad, self.falloff = device, room, kernel, absgrad, falloff
@@ -53,11 +53,11 @@ class Slot:
         self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad, falloff=falloff)
         values = self.model.parameters
         if tuple(values) != NAMES[kernel]:
-            raise UsageError(f"the library has the parameters {tuple(values)}, this package expects {NAMES[kernel]}")
+            raise UsageError(f"the library has the parameters {tuple(values)}, but the package expects {NAMES[kernel]}")
         self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
-        self.kept = False  # whether the device has what the gradient of the image of these values needs
+        self.kept = False  # whether the device has the data for the gradient of the image of these values
         try:
             self.renderer.array("parameters")
             self.shared = True  # memory is shared with other packages: CUDA, or a CPU with PoCL
@@ -130,9 +130,9 @@ MIN_SHARE = 2.0**-30  # kMinShare of host/pipeline/image_gradient.cpp
 
 def gradient_on_device(renderer: Renderer, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> DeviceArray:
     """Writes the gradient with respect to the last image (H, W, 3), and to its alpha (H, W), to the memory of the device.
-    Returns the array for Renderer.vjp(None, ...). The gradient of alpha changes the image: the background that it would
-    need behind it is added to one channel (host/pipeline/image_gradient.hpp), so the image cannot be differentiated a
-    second time."""
+    Returns the array for Renderer.vjp(None, ...). If there is a gradient of alpha, one channel of the image is changed,
+    as a different background would change it (host/pipeline/image_gradient.hpp). The image can then not be
+    differentiated a second time."""
     array = renderer.array("v_rgb", size=(camera.height, camera.width))
     into: Tensor = cast(Any, torch).from_dlpack(array)
     if v_rgb is not None:  # otherwise the array has zeros
@@ -158,8 +158,8 @@ _slots_lock = threading.Lock()
 def slot_for(
     device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: bool = False, falloff: Falloff | None = None
 ) -> Slot:
-    """Returns a kept renderer whose capacity fits `count` splats and is not many times larger, or a new one with
-    reserve."""
+    """Returns a kept renderer whose capacity is sufficient for `count` splats, but not many times larger. If there is
+    none, creates one with spare capacity."""
     where = opened(device)
     with _slots_lock:
         form = where, kernel, absgrad, falloff
@@ -264,9 +264,10 @@ class AbsGrad:
     """Holds the sums over pixels of the absolute gradients of means2d, which backward() stores as `absgrad`."""
 
     def __init__(self, means2d: Tensor, first: int, chunk: int, background: Tensor | None) -> None:
-        """The sums of an image begin at row `first` of means2d (..., 2). Each chunk of channels has sums of its own,
+        """The sums of an image start at row `first` of means2d (..., 2). Each chunk of channels has separate sums,
         which are added. background (D,): the colour that the caller blends behind the image."""
-        # The tensor leads to the node of autograd that holds this object. A reference would keep both forever.
+        # The tensor refers to the autograd node that contains this object, so a strong reference would keep both alive
+        # forever.
         self.means2d, self.first, self.chunk = weakref.ref(means2d), first, chunk
         self.background = None if background is None else background.detach()
 
@@ -400,8 +401,8 @@ def draw(
     """Renders ellipses. Returns an image (H, W, D) without a background, and its alpha (H, W).
 
     means2d (n, 2) [px]; factor (3, n): l00, l10, l11 of the lower Cholesky factor of each covariance [px]; depths (n,),
-    which determine the order, and hide ellipses with a depth of 0 or less; colors (n, D); opacities (n,), 0 to 1. betas
-    (n,): exponents of Beta kernels; None: Gaussians. falloff: in place of Beta kernels."""
+    which determine the order (ellipses with a depth of 0 or less are not rendered); colors (n, D); opacities (n,), 0 to
+    1. betas (n,): exponents of Beta kernels; None: Gaussians. falloff: replaces Beta kernels."""
     image, alpha = Draw.apply(
         torch.is_grad_enabled(), size, device, absgrad, falloff, means2d, factor, depths, colors, opacities, betas
     )

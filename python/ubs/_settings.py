@@ -12,8 +12,8 @@ from . import _abi
 
 
 class Settings(_abi.Handle):
-    """`spec`: a YAML file that is read first. `use`: what the settings are for (_abi.USE_...); values that have no effect
-    on it raise UsageError."""
+    """Settings in the library. `spec` is a YAML file that is read first. `use` is the purpose of the settings
+    (_abi.USE_...). Values that have no effect on this purpose raise UsageError."""
 
     def __init__(
         self, values: Mapping[str, Any] | None = None, spec: str | None = None, use: int | None = None

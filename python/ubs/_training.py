@@ -26,7 +26,7 @@ from ._settings import Settings
 
 @dataclass(frozen=True)
 class Step:
-    """The state of a training after an iteration. Values that were not measured in it are None."""
+    """The state of a training after an iteration. Values that were not measured in this iteration are None."""
 
     iteration: int
     iterations: int
@@ -70,7 +70,7 @@ def _step(c: _abi.Step) -> Step:
 
 class _Interrupt:
     """Records Ctrl-C instead of raising KeyboardInterrupt, which would be lost if it was raised in a callback from C.
-    Does so only in the main thread, and not if the program has installed another handler."""
+    This is only done in the main thread, and only if the program has not installed another handler."""
 
     def __init__(self) -> None:
         self.came = False
@@ -158,10 +158,10 @@ class Trainer(_abi.Handle):
 
     def set_model(self, model: Model, source: npt.ArrayLike | None = None) -> None:
         """Replaces the splats in training, for example to add or remove some between two calls of run(), and keeps
-        everything else: the iteration, cameras, appearance, background. `model`: of the same dimension and variant, with
-        at most as many splats as the larger of cap_max and the initial number. `source`: (splats,) integers, for each
-        splat the index of the current splat whose optimiser state it takes over, or -1 for a new state; None: all states
-        are new."""
+        everything else: the iteration, cameras, appearance, background. `model` must have the same dimension and
+        variant. Its number of splats must not exceed cap_max, or the initial number if that is larger. `source`
+        contains an integer for each splat of `model`: the index of the current splat whose optimiser state is used for
+        it, or -1 for a new state. If `source` is None, all states are new."""
         taken = None
         if source is not None:
             taken = np.ascontiguousarray(source)
@@ -216,8 +216,9 @@ def train(
     """Trains a model: ubs.train(data, dim=6, iterations=7000, device="cpu"). The settings are those of `ubs train`;
     ubs.settings() lists them. Use Trainer to do other things during the training.
 
-    The schedule scales with the iterations, the growth of the number of splats too: 500 initial splats become 12 000 in
-    200 iterations and 64 000 in 30 000. cap_max limits it, and refine="0:0:1" keeps the number."""
+    The schedule, which includes the growth of the number of splats, scales with the number of iterations. For example,
+    500 initial splats become 12 000 in 200 iterations, and 64 000 in 30 000 iterations. cap_max limits the number of
+    splats, and refine="0:0:1" keeps it constant."""
     trainer = Trainer(data, device=device, initial=initial, spec=spec, **settings)
     progress = _progress() if on_step is None else None
     try:

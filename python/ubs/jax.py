@@ -8,8 +8,8 @@
     jax.grad(lambda p: my_loss(*view(p)))(parameters)
 
 Values are copied through host memory. Only first-order reverse derivatives with respect to the parameters exist. They
-are those of the rendered image, which includes the path through the view direction; query_grad=False leaves it out, as
-`ubs train` does."""
+are the derivatives of the rendered image, so they include the path through the view direction. `ubs train` ignores this
+path, and so does query_grad=False."""
 
 from __future__ import annotations
 
@@ -28,12 +28,11 @@ Parameters = dict[str, Any]
 
 
 class Splats:
-    """A model of one dimension as functions of its raw parameters, whose number of splats may change from call to call.
-    With `depth`, images include depth. `settings`: those of ubs.Renderer, such as background.
+    """A model as functions of its raw parameters. All splats must have the same dimension, but their number may differ
+    between calls. With `depth`, images include depth. `settings` are those of ubs.Renderer, such as background.
 
-    Gradients are those of the rendered image: they include the path through the view direction to the positions of the
-    splats, which training with `ubs train` and publications leave out. The setting query_grad=False leaves it out here
-    too."""
+    Gradients are those of the rendered image, so they include the path through the view direction to the positions of
+    the splats. `ubs train` and publications ignore this path; the setting query_grad=False ignores it here, too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         self._drawing = Drawing(model, device, depth, settings)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1. Values somewhat outside, as in rendered
-images, are clamped; UsageError if an image has another range, such as 0 to 255."""
+"""Image metrics. Images are (H, W, 3), uint8, or floating point from 0 to 1. Values slightly outside of this range,
+which occur in rendered images, are clamped. An image with another range, such as 0 to 255, raises UsageError."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def measure(
     weights: os.PathLike[str] | str | None = None,
     device: DeviceLike = None,
 ) -> Metrics:
-    """Returns all metrics of an image. `networks`: LPIPS networks, of "alex", "squeeze" and "vgg". `weights`: a
-    safetensors file, or a folder with lpips_NAME.safetensors; None: the environment variable UBS_LPIPS_WEIGHTS."""
+    """Returns all metrics of an image. `networks` can contain the LPIPS networks "alex", "squeeze" and "vgg".
+    `weights` is a safetensors file, or a folder with lpips_NAME.safetensors. If it is None, the environment variable
+    UBS_LPIPS_WEIGHTS is used."""
     shape = np.shape(truth)
     if len(shape) != 3 or shape[2] != 3:
         raise UsageError(f"truth has the shape {shape}, but must be (H, W, 3)")
@@ -53,8 +54,8 @@ def psnr(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) 
 
 
 def ssim(truth: npt.ArrayLike, image: npt.ArrayLike, device: DeviceLike = None) -> float:
-    """Returns SSIM with 11 x 11 Gaussian windows, zero-padded, as in the loss. measure() also has that over whole
-    windows."""
+    """Returns SSIM with 11 x 11 Gaussian windows, zero-padded, as in the loss. measure() also returns the SSIM
+    over the windows that are entirely inside the image."""
     return measure(truth, image, device=device).ssim
 
 
@@ -67,7 +68,8 @@ def lpips(
     weights: os.PathLike[str] | str | None = None,
     device: DeviceLike = None,
 ) -> float:
-    """Returns LPIPS 0.1. The network gets 2 v - 1 or, with `unit`, v as in published evaluations of splats."""
+    """Returns LPIPS 0.1. The input of the network is 2 v - 1 for each value v or, with `unit`, v itself, as in
+    published evaluations of splats."""
     found = measure(truth, image, networks=[network], weights=weights, device=device)
     value = getattr(found, f"lpips_{network}_unit" if unit else f"lpips_{network}")
     return float(value)

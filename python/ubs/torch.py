@@ -6,15 +6,15 @@
     rgb, alpha = splats(camera)                      # (H, W, 3), (H, W)
     my_loss(rgb, alpha).backward()
 
-The same method as functions of tensors: render() takes raw parameters; condition() and condition_direct() turn splats of
-N dimensions into splats in space; rasterize() draws projected splats, so that projection and everything before it can be
-code of one's own.
+The module also provides the method as functions of tensors. render() takes raw parameters. condition() and
+condition_direct() convert splats of N dimensions to splats in space. rasterize() renders projected splats, so that a
+program can use its own code for the projection and for everything before it.
 
 Any device of ubs can render. Tensors on a card on which ubs renders with CUDA stay there (DLPack); other tensors are
 copied through host memory. Colours, alpha and depth have gradients with respect to every raw parameter, and with
-respect to the camera if it is passed as tensors. They are those of the rendered image, which includes the path through
-the view direction; query_grad=False leaves it out, as `ubs train` does. Second-order gradients are not supported. All
-splats of a model must have the same dimension."""
+respect to the camera if it is passed as tensors. They are the gradients of the rendered image, so they include the path
+through the view direction. `ubs train` ignores this path, and so does query_grad=False. Second-order gradients are not
+supported. All splats of a model must have the same dimension."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ def _put(drawing: Drawing, parameters: Sequence[Tensor]) -> None:
 
 
 def _draw(drawing: Drawing, camera: Camera, parameters: Sequence[Tensor], reason: object) -> tuple[Tensor, ...]:
-    """`reason`: identifies the image for _differentiate(); None: it will not be differentiated."""
+    """Renders an image. `reason` identifies the image for _differentiate(). If it is None, the image will not be
+    differentiated."""
     _put(drawing, parameters)
     if not _is_shared(drawing, parameters[0]):
         image = drawing.renderer.render(camera, for_gradient=reason is not None)
@@ -123,7 +124,7 @@ def _differentiate(
     return [part.T.clone(memory_format=torch.contiguous_format) for part in parts]
 
 
-MOST_STRETCH = 0.1  # of a pose's matrix; a larger one is probably not that of a pose
+MOST_STRETCH = 0.1  # of the matrix of a pose; a matrix with a larger stretch is probably not a pose
 
 
 def _values(tensor: Tensor, what: str, *shapes: tuple[int, ...]) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -221,13 +222,12 @@ class _Render(torch.autograd.Function):
 
 class Splats(torch.nn.Module):
     """The raw parameters of a model as a module. It has one torch.nn.Parameter (splats, values per splat) for each name
-    in Model.parameters, such as `xyz`. They may be replaced by parameters of another number of splats. With `depth`,
-    images include depth. `settings`: those of ubs.Renderer, such as background, and its `falloff`. The module can be
-    copied and saved.
+    in Model.parameters, such as `xyz`. They may be replaced by parameters for a different number of splats. With
+    `depth`, images include depth. `settings` are those of ubs.Renderer, such as background, and its `falloff`. The
+    module can be copied and saved.
 
-    Gradients are those of the rendered image: they include the path through the view direction to the positions of the
-    splats, which training with `ubs train` and publications leave out. The setting query_grad=False leaves it out here
-    too."""
+    Gradients are those of the rendered image, so they include the path through the view direction to the positions of
+    the splats. `ubs train` and publications ignore this path; the setting query_grad=False ignores it here, too."""
 
     def __init__(self, model: Model, device: DeviceLike = None, *, depth: bool = False, **settings: Any) -> None:
         super().__init__()
@@ -250,8 +250,8 @@ class Splats(torch.nn.Module):
 
         pose (3, 4) or (4, 4), intrinsics (4,), which are fx, fy, cx, cy, or (3, 3), and time replace those of the
         camera, and get gradients. If the matrix of the pose is not exactly a rotation, the nearest rotation is rendered
-        and differentiated, so that an optimiser can change the matrix itself. DataError if a singular value is not
-        between 0.9 and 1.1."""
+        and differentiated, so that an optimiser can change the matrix itself. Raises DataError if a singular value is
+        not between 0.9 and 1.1."""
         pictures: tuple[Tensor, ...] = _Render.apply(
             torch.is_grad_enabled(), self._drawing, camera, pose, intrinsics, time, *self._tensors()
         )
@@ -282,12 +282,12 @@ def render(
     falloff: Falloff | str | None = None,
     **settings: Any,
 ) -> tuple[Tensor, ...]:
-    """Renders splats from their raw parameters. The number of splats may be another one in each call, 0 included.
+    """Renders splats from their raw parameters. The number of splats may differ between calls, and may be 0.
 
     parameters: float32 tensors (splats, values per splat) with the names and widths of ubs.Model.empty(dim, 1,
     **settings).parameters; their activations are part of rendering (docs/method.md 1.1). settings: those of
     ubs.Model.empty(), such as conditioning="direct", kernel="gaussian", colour="sh3", background=(1, 1, 1), and
-    query_grad=False, which leaves out gradients through the view direction. pose, intrinsics, time: see
+    query_grad=False, which ignores gradients through the view direction. pose, intrinsics, time: see
     Splats.forward(). falloff: see ubs.Renderer.
 
     Returns rgb (H, W, 3), not clamped, alpha (H, W), and depth (H, W) if requested."""
@@ -345,13 +345,13 @@ def rasterize(
     """Rasterises n projected splats: sorts them by depth and composites them front to back (docs/method.md 2.6).
 
     means2d (n, 2): centres in pixels; the centre of the first pixel is (0.5, 0.5). covs2d (n, 2, 2): positive definite,
-    in square pixels, with all blur that is wanted. depths (n,): the order; splats with a depth of 0 or less are not
-    drawn. colors (n, D), any number of channels. opacities (n,), 0 to 1.
+    in square pixels, including any desired blur. depths (n,): the order; splats with a depth of 0 or less are not
+    rendered. colors (n, D), any number of channels. opacities (n,), 0 to 1.
 
     betas (n,): positive exponents of Beta kernels; a splat is opacity * (1 - r)^beta where r < 1, with r = d^T covs2d^-1
     d and d the distance to the centre. None: Gaussians, opacity * exp(-r / 2) where that is at least 1/255.
 
-    falloff: a ubs.Falloff, or its text, in place of (1 - r)^beta; without betas they are 1.
+    falloff: a ubs.Falloff, or its text, which replaces (1 - r)^beta. If betas is None, all betas are 1.
 
     background (D,): the colour behind the splats; None: 0. Returns the image (height, width, D) and its alpha (height,
     width). All float32 arguments but depths have gradients."""
@@ -364,10 +364,10 @@ def rasterize(
     _check_tensor("colors", colors, (n, colors.shape[-1]), means2d)
     _check_tensor("opacities", opacities, (n,), means2d)
     if not (isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0):
-        raise UsageError(f"width and height are integers from 1, not {width} and {height}")
+        raise UsageError(f"width and height must be integers of at least 1, not {width} and {height}")
     least, most = extremes(opacities)
     if least < 0 or most > 1:
-        raise UsageError(f"opacities lie between {least:g} and {most:g}, not between 0 and 1")
+        raise UsageError(f"opacities are between {least:g} and {most:g}, but must be between 0 and 1")
     if betas is not None:
         _check_tensor("betas", betas, (n,), means2d)
         if n > 0 and extremes(betas)[0] <= 0:
@@ -407,7 +407,7 @@ def _attenuation(y: Tensor, betas: Tensor | None) -> Tensor:
 def _query(means: Tensor, query: Tensor, betas: Tensor | None) -> Tensor:
     n, queries = len(means), means.shape[1] - 3
     if means.dim() != 2 or queries < 0:
-        raise UsageError(f"means has the shape {tuple(means.shape)}, not (n, N) with N from 3")
+        raise UsageError(f"means has the shape {tuple(means.shape)}, not (n, N) with N of at least 3")
     if betas is not None:
         _check_tensor("betas", betas, (n, queries), means)
     if tuple(query.shape) not in ((queries,), (n, queries)):
@@ -430,9 +430,9 @@ def condition(
     independent rows. betas (n, N - 3): exponents 4 exp(raw) of the query dimensions; None: opacities do not change.
     query (N - 3,), or (n, N - 3), as with view directions. weights (n, N - 3) of the conditioning; None: min(betas / 4,
     1), and 1 without betas. cov_mode: "upper" mirrors the upper triangle of a covariance that weights have made
-    asymmetric, as published, "whiten" keeps it positive.
+    asymmetric, as published; "whiten" keeps it positive.
 
-    Returns positions (n, 3), covariances (n, 3, 3), and what to multiply opacities by (n,). Works in the type of the
+    Returns positions (n, 3), covariances (n, 3, 3), and factors for the opacities (n,). Computes in the type of the
     tensors and has gradients of any order."""
     x = _query(means, query, betas)
     n, queries = x.shape
@@ -480,7 +480,7 @@ def condition_direct(
     precision L L^T of the query dimensions. theta (n, 3, N - 3): the direction in which each of them moves a splat, in
     units of its size. scales (n, 3): spatial scales. Covariances do not change.
 
-    Returns positions (n, 3), and what to multiply opacities by (n,)."""
+    Returns positions (n, 3), and factors for the opacities (n,)."""
     x = _query(means, query, betas)
     n, queries = x.shape
     _check_tensor("factor", factor, (n, queries, queries), means)

@@ -31,7 +31,7 @@ TEST_CASE("errors: the typical error excludes the 1 % of splats that differ most
   const std::size_t count = 200;
   std::vector<double> truth(static_cast<std::size_t>(layout.count) * count, 1.0);
   std::vector<float> values(truth.begin(), truth.end());
-  values[7] = values[8] = 3;  // x of two splats of another order
+  values[7] = values[8] = 3;  // x of two splats that are in another order
   values[9] = 1.01f;
   const auto groups = check::group_errors(layout, count, values, truth);
   CHECK(groups[0].quantity == "xyz");

@@ -58,8 +58,8 @@ TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
     CHECK(c["peak_bytes"] > 0);
     CHECK(first.out.find(c["name"].get<std::string>()) != std::string::npos);
   }
-  // One baseline in which everything took a hundredth of the time without any uncertainty, and one in which
-  // everything was a hundred times slower.
+  // Compares with two baselines. In the first, everything took a hundredth of the time without any
+  // uncertainty. In the second, everything was a hundred times slower.
   for (const double factor : {0.01, 100.0}) {
     json doctored = file;
     for (json& c : doctored["devices"][0]["cases"]) {
@@ -77,7 +77,7 @@ TEST_CASE("bench: JSON, and the exit code with a changed baseline") {
   put(folder / "old.json", other.dump());
   const std::string one = "bench --quick --run adam.synthetic ";
   const Result apart = run_ubs(folder, one + "--baseline old.json");
-  CHECK(apart.code == 3);  // earlier versions passed with a wrong file
+  CHECK(apart.code == 3);  // earlier versions accepted a wrong file
   CHECK(apart.err.find("the baseline contains no case of this run") != std::string::npos);
   put(folder / "old.json", "{}");
   CHECK(run_ubs(folder, one + "--baseline old.json").code == 3);

@@ -52,7 +52,7 @@ TEST_CASE("memory plan: training allocates what was predicted", "[memory]") {
       }
 }
 
-TEST_CASE("memory plan: rendering and a run with growth", "[memory]") {
+TEST_CASE("memory plan: rendering and a growing model allocate what was predicted", "[memory]") {
   for (const auto& device : devices_under_test()) {
     const RasterKind raster = raster_kind("auto", device->info());
     const BenchScene scene = synthetic_object(6, 20'000, 200, 150, 1);

@@ -73,7 +73,7 @@ TEST_CASE("bench: the synthetic object has the documented statistics") {
   }
 }
 
-TEST_CASE("bench: the garden from a folder of arrays") {
+TEST_CASE("bench: the garden scene is read from a folder of arrays") {
   const TempFolder folder;
   const auto put_array = [&](const char* name, std::vector<std::size_t> shape, std::vector<float> values) {
     write_npy(folder / fmt::format("{}.npy", name), shape, values);

@@ -19,7 +19,7 @@ const std::vector<TunedConstant> kTable{
 
 struct Given {
   std::map<std::pair<std::string, unsigned>, double>
-      factor;  // factor on the time for a value that is not the default
+      factor;  // by which the time is multiplied for a value that is not the default
   std::map<std::pair<std::string, unsigned>, float> result;  // change of the outputs
   std::pair<std::string, unsigned> refused{"", 0};
   ErrorKind refusal = ErrorKind::device;

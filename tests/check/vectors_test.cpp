@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests of the reference data of the device check, and of the table of forms: which form represents which,
-// that all of them exist, and that damaged or foreign data are rejected.
+// Tests of the reference data of the device check, and of the table of forms. The tests check which form
+// represents which other forms, that all forms exist, and that damaged data are rejected.
 #include "host/check/vectors.hpp"
 
 #include <algorithm>

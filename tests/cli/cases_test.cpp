@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the executable on inputs that users of other programs reported. The inputs, and what ubs does with
-// each, are described in docs/results/2026-11-28-cases.md. They are not part of the project:
-// tests/support/data.hpp says where they are searched. Tests of the readers cover the same kinds with files
-// that they write themselves. Only the tests here measure, with a model that was trained on clean views (the
-// control), whether the cameras and pixels of a whole data set are read correctly.
+// Runs the executable on inputs that users of other programs reported. docs/results/2026-11-28-cases.md
+// describes these inputs and the result of ubs for each of them. The inputs are not part of the project;
+// tests/support/data.hpp describes where the tests search for them. Tests of the readers write files of the
+// same kinds themselves. Only the tests here check whether the cameras and pixels of a whole data set are
+// read correctly. For this purpose, they render a model that was trained on clean views (the control).
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -30,8 +30,8 @@ using test::ubs_ok;
 
 struct DataCase {
   const char* name;
-  int views;    // of all splits together
-  double psnr;  // mean over all images, in dB; 0: the control does not know this scene, or not in this unit
+  int views;    // total of all splits
+  double psnr;  // mean over all images, in dB; 0: the control has another scene or another unit
   int points, masks;
   const char* notes;
 };
@@ -66,7 +66,8 @@ const std::vector<DataCase> kData{
     {"24-nan-camera", 8, 33.60, 200, 0, "1 skipped: its pose or camera|1 skipped: its parameters"},
     {"25-llff-macos", 9, 33.73, 0, 0, ""},
     {"26-dark-on-black", 36, 0, 0, 0, ""},
-    // Part of the images of this case is wrong, and the control does not know what is behind its cameras.
+    // The images of this case are wrong beyond 90 degrees, and the control has no views of the space behind its
+    // cameras.
     {"27-fisheye-220", 54, 22.75, 200, 45, "9 wide images|54 pinhole views|(0 % of the image"},
     {"28-blender-test-pictures-gone", 6, 33.59, 0, 0, "no test split: none of the 3 images|'./test/r_6.png'"},
     {"31-float-colours", 9, 33.73, 200, 0, ""},
@@ -77,7 +78,7 @@ const std::vector<DataCase> kData{
 struct ModelCase {
   const char* name;
   int splats;
-  const char* words;  // of the remarks and of the variant
+  const char* words;  // expected in the remarks or in the variant
 };
 
 const std::vector<ModelCase> kModels{
@@ -135,9 +136,9 @@ double test_psnr(const json& metrics) { return metrics["test"]["mean"]["psnr"].g
 
 }  // namespace
 
-// The figures are those of PoCL 3.1, and the tolerance leaves room for other drivers. A principal point that
+// The values were measured with PoCL 3.1, and the tolerance allows for other drivers. A principal point that
 // is wrong by a tenth of a pixel changes the PSNR by 0.3 dB, and one that is wrong by half a pixel by 4.5 dB.
-TEST_CASE("cases: data folders have all views, the PSNR of the control, and notes") {
+TEST_CASE("cases: data folders give the expected numbers of views, PSNR of the control, and notes") {
   UBS_REQUIRE_DATA(cases, "cases");
   const std::string control = quoted(fs::canonical(cases / "00-control/model-run"));
   for (const DataCase& row : kData) {
@@ -165,7 +166,7 @@ TEST_CASE("cases: data folders have all views, the PSNR of the control, and note
   }
 }
 
-TEST_CASE("cases: model files have all splats, and notes") {
+TEST_CASE("cases: model files give the expected numbers of splats, and notes") {
   UBS_REQUIRE_DATA(cases, "cases");
   const TempFolder folder;
   for (const ModelCase& row : kModels) {
@@ -195,7 +196,7 @@ TEST_CASE("cases: unusable inputs are refused with one line that says why") {
   }
 }
 
-TEST_CASE("cases: scenes with unusual cameras are learnt") {
+TEST_CASE("cases: models can be trained on scenes with unusual cameras") {
   UBS_REQUIRE_DATA(cases, "cases");
   const TempFolder folder;
   const auto trained = [&](const std::string& name) {
@@ -210,11 +211,11 @@ TEST_CASE("cases: scenes with unusual cameras are learnt") {
     if (name.starts_with("28")) CHECK_THAT(result.err, Contains("no test split"));
     return json::parse(get(folder / name / "metrics.json"));
   };
-  // Earlier versions placed all splats at the cameras, and had 4 dB.
+  // Earlier versions placed all splats at the cameras, and reached 4 dB.
   const double at_origin = test_psnr(trained("01-tripod-at-origin-control"));
   CHECK(at_origin > 30);  // PoCL: 36.28 dB
   CHECK(test_psnr(trained("01-tripod-not-at-origin")) == Approx(at_origin).margin(0.5));
-  // The same scene in two units.
+  // These two data sets contain the same scene in two units.
   const json thousandth = trained("02-tiny-scene-1e-3"), hundredth = trained("36-unit-1e-2");
   CHECK(test_psnr(thousandth) > 14);  // PoCL: 15.77 dB
   CHECK(test_psnr(hundredth) == Approx(test_psnr(thousandth)).margin(0.02));

@@ -43,8 +43,8 @@ void train(const TempFolder& folder, const std::string& out, const std::string& 
   ubs_ok(folder, fmt::format("train --data data --out {} {} {}", out, kTiny, more));
 }
 
-// A folder with data/ and the model run/model.ply that train() creates from it. The model is trained once for
-// all tests.
+// Puts data/ into the folder, and the model run/model.ply that train() creates from it. The model is trained
+// once for all tests.
 void put_trained(const TempFolder& folder) {
   static const TempFolder made;
   if (!fs::exists(made / "run/model.ply")) {
@@ -95,8 +95,9 @@ TEST_CASE("cli: metrics of images and folders") {
         Approx((2 * m1 * m2 + 1e-4) / (m1 * m1 + m2 * m2 + 1e-4)).epsilon(1e-5));
   save_png(folder / "small.png", {8, 8, std::vector<std::uint8_t>(3 * 8 * 8, 100)});
   CHECK_FALSE(measure("small.png small.png")["mean"].contains("ssim_valid"));
-  for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");  // WebP was skipped
-  for (const char* folders : {"twice b", "b twice"})  // which of them was measured was random
+  // Earlier versions skipped WebP files, and measured one of several files with this name at random.
+  for (const char* name : {"twice/x.png", "twice/x.webp"}) put(folder / name, "");
+  for (const char* folders : {"twice b", "b twice"})
     check_error(folder, fmt::format("metrics {}", folders), 3, "have the same name without extension");
   check_error(folder, "metrics small.png a/x.png", 3, "small.png has 8 x 8 pixels");
   check_error(folder, "metrics small.png none.png", 3, "none.png: no such file");
@@ -123,8 +124,8 @@ TEST_CASE("cli: wrong usage is one line and exit code 2") {
     check_error(folder, command + "clip.mp4", 3,
                 "this is a video: cut it into images ('mkdir photos; ffmpeg -i clip.mp4 -vf fps=2");
     check_error(folder, command + "IMG_1.HEIC", 3,
-                "convert all in its folder ('cd .; for f in *.HEIC; do heif-convert \"$f\" \"${f%.*}.jpg\"; "
-                "done')");
+                "convert all photographs in its folder ('cd .; for f in *.HEIC; do heif-convert \"$f\" "
+                "\"${f%.*}.jpg\"; done')");
   }
   check_error(folder, "train --data d --out o --itertions 3", 2, "did you mean --iterations?");
   check_error(folder, "train --data d --out o --iterations 0", 2, "--iterations: iterations = '0'");
@@ -236,7 +237,7 @@ TEST_CASE("cli: an unknown device gives exit code 4, and the message lists the d
   check_error(folder, "train --data data --out o --device nosuchdevice", 4,
               "'nosuchdevice' matches no device");
   CHECK_FALSE(fs::exists(folder / "o"));
-  // All names are checked before the first device is measured, because its results would be lost.
+  // All names are checked before the first device is measured. Otherwise, its results would be lost.
   check_error(folder, "bench --quick --run render.synthetic --device 0,nosuchdevice", 4,
               "'nosuchdevice' matches no device");
   const json devices = json::parse(ubs_ok(folder, "devices --json").out);
@@ -268,7 +269,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(metrics["peak_device_bytes"].get<double>() > 1e5);
   CHECK(metrics["settings"]["init_points"] == 300);
   CHECK(metrics["test"]["views"].size() == 3);
-  // Black images: 15.1 dB; observed 17.52 (PoCL).
+  // Black images have 15.1 dB. Observed: 17.52 dB (PoCL).
   CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 16.5);
 
   const std::string log = get(folder / "run/log.csv");
@@ -304,7 +305,8 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
        {"project_forward", "lists", "raster_forward", "raster_backward", "adam", "relocate"})
     CHECK(minutes["stages"][stage].get<double>() > 0);
 
-  // Renders: PNG is the clamped and rounded npy; PSNR recomputed from the npy is eval's.
+  // PNG files contain the clamped and rounded values of the .npy files. The PSNR of the .npy files is that
+  // of eval.
   ubs_ok(folder, "render --model run/model.ply --data data --out r --channels rgb,alpha,depth --views 0,2");
   CHECK(file_count(folder / "r") == 6);
   ubs_ok(folder, "render --model run/model.ply --data data --out n --format npy --channels alpha,rgb,depth");
@@ -344,7 +346,7 @@ TEST_CASE("cli: a model keeps its form from training to evaluation") {
   CHECK(info["parameters_per_splat"] == 3 + 27 + 1 + 3 + 4);
   CHECK(info["groups"]["sh_rest"]["count"] == 24);
   CHECK(info["noted_cameras"] == 8);
-  // The file alone determines how eval renders, and the values are those that training measured in memory.
+  // Only the file determines how eval renders. The values are those that training measured in memory.
   const json metrics = json::parse(get(folder / "run/metrics.json"));
   const json eval = json::parse(ubs_ok(folder, "eval --model run/model.ply --data data --json").out);
   CHECK(eval["mean"]["psnr"] == metrics["test"]["mean"]["psnr"]);
@@ -498,7 +500,7 @@ TEST_CASE("cli: the configuration of a run repeats it byte for byte") {
   ubs_ok(folder, "train --data data --out b --spec a/config.yaml");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK(get(folder / "a/config.yaml") == get(folder / "b/config.yaml"));
-  // Later ones win: --set overrides --spec, and an option overrides --set.
+  // Later settings take precedence: --set overrides --spec, and an option overrides --set.
   ubs_ok(folder, "train --data data --out c --spec a/config.yaml --set seed=8 --set batch=2 --seed 9");
   const json settings = json::parse(get(folder / "c/metrics.json"))["settings"];
   CHECK(settings["seed"] == 9);
@@ -518,7 +520,7 @@ TEST_CASE("cli: a model is not overwritten by accident") {
   CHECK(get(folder / "run/model.ply") != before);
 }
 
-TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in the model warn") {
+TEST_CASE("cli: dynamic scenes can be trained, and a dynamic model of static data gives a warning") {
   const TempFolder folder;
   synthesise(folder, "orbit");
   for (const int dim : {4, 7}) {
@@ -537,7 +539,7 @@ TEST_CASE("cli: dynamic scenes train with N = 4 and 7; static data with time in 
   CHECK(one.err.find("warning: all training cameras have the same position") != std::string::npos);
 }
 
-TEST_CASE("cli: --json of train prints metrics.json, --quiet nothing") {
+TEST_CASE("cli: train --json prints metrics.json, and train --quiet prints nothing") {
   const TempFolder folder;
   synthesise(folder);
   const Result loud = ubs_ok(folder, fmt::format("train --data data --out a {} --json", kTiny));

@@ -29,7 +29,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Uses `variables` instead of those that the test was started with.
+// Returns a command with `variables` instead of those that the test was started with.
 std::string with_cache(const std::string& variables, const std::string& arguments) {
   return fmt::format("env -u POCL_CACHE_DIR -u UBS_KERNEL_CACHE -u XDG_CACHE_HOME TMPDIR=$PWD {} '{}' {}",
                      variables, program_of(arguments), arguments);
@@ -52,7 +52,7 @@ TEST_CASE("no library is searched for in the working folder") {
   CHECK_FALSE(std::regex_search(result.err, found, elsewhere));
   CHECK(found.str() == "");
   CHECK(result.err.find("imgcodecs") ==
-        std::string::npos);  // nor OpenCV's codecs by a command without pictures
+        std::string::npos);  // a command without images does not load OpenCV's codecs
 }
 
 TEST_CASE("without the OpenCV module, commands that do not need it work, and others report what is missing") {
@@ -150,7 +150,7 @@ TEST_CASE("without any folder for kernels, the error reports this and not a miss
   CHECK(result.err.find("/proc/ubs-") != std::string::npos);
 }
 
-TEST_CASE("a full disk that holds the kernel cache is detected before the driver is used") {
+TEST_CASE("a full disk that contains the kernel cache is detected before the driver is used") {
   if (!works("unshare -rm true")) {
     WARN("no user namespaces here: not tested");
     return;
@@ -278,7 +278,7 @@ TEST_CASE(
   const Result enough = train_with_little(folder, 64000, "");
   INFO(enough.err);
   CHECK(std::filesystem::exists(folder / "run/model.ply"));
-  // The memory that a plan assumes, and its message.
+  // Tests the memory that a plan assumes, and its message.
   const std::string plan = fmt::format(
       "bash -c \"ulimit -v 64000000; exec '{}' plan --data data --dim 3 --iterations 1 "
       "--init-points 10 --cap-max 10\"",
@@ -312,11 +312,11 @@ TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of 
   CHECK(whole.code == 0);
   CHECK(whole.err.empty());
   CHECK(kept_kernels(folder / "kernels/pocl") == first);
-  CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // it grew
+  CHECK(get(folder / "run/log.csv").find(",90") != std::string::npos);  // the model grew
   CHECK(get(folder / "run/metrics.json").find("lpips_alex") != std::string::npos);
   const Result cold = run_command(folder, with_cache("UBS_KERNEL_CACHE=off", train(1)));
   CHECK(cold.code == 0);
-  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // files of the compiler of the kernels
+  CHECK_THAT(cold.err, !Catch::Contains("warning"));  // such as one about the files of the kernel compiler
   CHECK_FALSE(std::filesystem::exists(folder / fmt::format("ubs-{}/pocl", ::geteuid())));
 }
 

@@ -197,7 +197,7 @@ TEST_CASE("without data, a model is rendered from its stored training cameras") 
     REQUIRE(a.rgb.size() == b.rgb.size());
     for (std::size_t k = 0; k < a.rgb.size(); ++k) CHECK(std::abs(a.rgb[k] - b.rgb[k]) <= 1);
   }
-  // Only time changes, and a fixed view while time advances.
+  // Tests images at another time, and a fixed view while time advances.
   ubs_ok(folder, "render run --data data --views 0,1 --time 0.5 --out at");
   CHECK(test::file_count(folder / "at") == 2);
   ubs_ok(folder, "render run --data data --hold 1 --time 0:1 --path-frames 3 --out held");
@@ -350,7 +350,7 @@ TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {
   CHECK(conditioning("my run") == "covariance");
   ubs_ok(folder, "train sets/data --out seven --dim 7" + few);
   CHECK(conditioning("seven") == "covariance");
-  // Existing files are never overwritten, whoever created them.
+  // Existing files are never overwritten, even if ubs did not create them.
   put(folder / "sets/data-ubs-2/mine.txt", "mine");
   ubs_ok(folder, "train sets/data" + few);
   CHECK(fs::exists(folder / "sets/data-ubs-3/model.ply"));
@@ -464,13 +464,13 @@ TEST_CASE("help: examples are valid commands") {
   CHECK(examples >= 40);
 }
 
-TEST_CASE("help: groups, examples, and few options first") {
+TEST_CASE("help: pages have groups and examples, and list few options unless all are requested") {
   const TempFolder folder;
   const std::string alone = ubs_ok(folder, "").out;
   for (const char* part : {"First steps:", "Learn:", "Look:", "Convert:", "Devices:", "ubs train photos",
                            "ubs devices --doctor"})
     CHECK_THAT(alone, Contains(part));
-  // Begins with what people do first.
+  // The list starts with the commands that users need first.
   std::vector<std::size_t> at;
   for (const char* command : {"\n  train ", "\n  view ", "\n  render ", "\n  cameras ", "\n  report "})
     at.push_back(alone.find(command));
@@ -500,7 +500,7 @@ TEST_CASE("help: groups, examples, and few options first") {
   }
 }
 
-// A script that takes the place of COLMAP: it checks its arguments and writes cameras as text.
+// A script that replaces COLMAP. It checks its arguments and writes cameras as text.
 constexpr const char* kColmap = R"(#!/bin/sh
 echo "$@" >>calls.txt
 case "$1" in
@@ -579,7 +579,7 @@ TEST_CASE("a learnt background requires opaque images and is stored in the model
     const std::string found = trained["learnt_background"];
     CHECK(std::ranges::count(found, ',') == (learnt == "sky" ? 26 : 2));
     CHECK_THAT(get(folder / (out + "/model.ply")), Contains("background=" + found));
-    // The model file alone, and as part of a run whose settings contain `learn`.
+    // Tests the model file alone, and as part of a run whose settings contain `learn`.
     for (const std::string& model : {out + "/model.ply photos --test-every 2", out}) {
       const json measured = json::parse(ubs_ok(folder, "eval " + model + " --json").out);
       for (const char* figure : {"psnr", "psnr_joint", "ssim"})
@@ -619,7 +619,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   check_error(folder, "cameras photos --quiet --colmap ./colmap", 3,
               "exhaustive_matcher ended with code 3: the matcher broke");
   fs::remove(folder / "fail");
-  // A condition that would make the work so far useless only gives a warning.
+  // Another lens makes the work so far useless. A dry run only prints this, and deletes nothing.
   const std::string work = get(folder / "photos/colmap/pictures.txt");
   CHECK_THAT(ubs_ok(folder, "cameras photos --colmap ./colmap --lens OPENCV --dry-run").out,
              Contains("rm -f ") && Contains("camera_model OPENCV"));
@@ -633,7 +633,7 @@ TEST_CASE("cameras of photographs come from COLMAP") {
   check_error(folder, "cameras photos --colmap ./colmap", 2, "cameras are already there (");
 }
 
-TEST_CASE("cameras: cameras that are there, and photographs of other kinds, are recognised") {
+TEST_CASE("cameras: existing cameras and photographs in unsupported formats are recognised") {
   const TempFolder folder;
   fs::create_directories(folder / "photos/images");
   for (int i = 0; i < 4; ++i)
@@ -663,7 +663,7 @@ TEST_CASE("a report shows the worst view and lists problems") {
   put_scene(folder / "data", 24, 6, 6);
   ubs_ok(folder, "train data --out run --dim 3 --iterations 20 --init-points 60 --cap-max 60 --quiet");
   json metrics = json::parse(get(folder / "run/metrics.json"));
-  json& second = metrics["test"]["views"][1];  // not among two of six, evenly spaced
+  json& second = metrics["test"]["views"][1];  // not one of two evenly spaced views
   second["psnr"] = 1;
   put(folder / "run/metrics.json", metrics.dump());
   const std::string worst = second["name"].get<std::string>();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests, as processes, of ubs convert, and of third-party files and data sets far from the origin in other
-// subcommands.
+// Runs the executable to test `ubs convert`. Also tests other subcommands with third-party files and with
+// data sets far from the origin.
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -89,8 +89,8 @@ TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   const std::string background = "convert u7.ply b.spz --overwrite --time 0.5 --background ";
   CHECK_THAT(ubs_ok(folder, background + "1,0.5,0").out, Contains("trained on background 1,0.5,0, "));
   CHECK(ubs_ok(folder, background + "0,0,0").out.find("background") == std::string::npos);
-  // A .ply of Gaussians has the layout that other programs read. A model of ours keeps what is up in the
-  // file.
+  // A .ply file of Gaussians has the layout that other programs read. A ubs model also stores the up
+  // direction.
   ubs_ok(folder, "convert x.spz theirs.ply");
   CHECK(detect_splat_format(folder / "theirs.ply").name == "3dgs");
   ubs_ok(folder, "convert x.spz ours.ply --to ubs");
@@ -161,7 +161,7 @@ TEST_CASE("cli: models are converted to another kind of conditioning", "[cli]") 
   ubs_ok(folder, "web d.ply --exact --out page.html");
 }
 
-// "has 0 further query values; N = 8 needs 1"
+// Without these values, the error would be "has 0 further query values; N = 8 needs 1".
 TEST_CASE("cli: stored cameras of a model with more than seven dimensions get typical query values",
           "[cli]") {
   const TempFolder folder;
@@ -173,7 +173,7 @@ TEST_CASE("cli: stored cameras of a model with more than seven dimensions get ty
   const std::string page = get(folder / "page.html");
   CHECK(page.find("\"extra\":[0.25]") != std::string::npos);
   CHECK(page.find("\"poster\":\"data:image/") != std::string::npos);
-  // A machine that cannot draw still writes exact pages, without the still picture.
+  // Without a device, exact pages are still written, but without the preview image.
   const Result without = ubs_ok(folder, "web m.ply --exact --out plain.html --device nonesuch");
   CHECK_THAT(without.err, Contains("the page shows no preview image while it loads: "));
   CHECK(get(folder / "plain.html").find("\"poster\":\"\"") != std::string::npos);

@@ -115,7 +115,7 @@ TEST_CASE(
   CHECK(refused > mutants * 3 / 4);
   std::size_t changed = 0;
   for (const auto& [name, tensor] : whole.tensors) {
-    if (!whole_sweep() && changed++ % 3 != 0) continue;  // weights, biases and a linear head
+    if (!whole_sweep() && changed++ % 3 != 0) continue;  // tests weights, biases and a linear head
     INFO(name);
     auto fewer = whole.tensors, flat = whole.tensors;
     fewer.erase(name);
@@ -235,7 +235,7 @@ TEST_CASE("cli: names that are too long and loops of links give data errors") {
         "plan --data {}",
         "train --data data --out run --lpips vgg --lpips-weights {}"};
     for (std::size_t i = 0; i < commands.size(); ++i) {
-      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // one of the three for each command
+      if (!whole_sweep() && (i + kind) % 3 != 0) continue;  // tests one of three paths per command
       const std::string& command = commands[i];
       const Result result = run_ubs(folder, fmt::format(fmt::runtime(command), bad, bad));
       INFO(command.substr(0, 60) << " with " << bad.substr(0, 10) << ": " << result.err.substr(0, 300));

@@ -92,7 +92,7 @@ TEST_CASE("cli: a full disk does not end a run") {
   CHECK(fs::exists(folder / "run/model.ply"));
 }
 
-TEST_CASE("cli: plan says what a run needs, and the run says what it took") {
+TEST_CASE("cli: plan estimates the time and memory of a run, and the run records the actual values") {
   const TempFolder folder;
   synthesise(folder);
   const std::string options = "--data data --iterations 1000 --init-points 300 --cap-max 500";
@@ -175,7 +175,8 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
               "remove --budget or --iterations");
   check_error(folder, "train --resume own --budget 9s", 2, "--budget +9s");
   check_error(folder, "train --resume own --budget +soon", 2, "90s");
-  // The interrupted run is completed soon, with its complete schedule, and its settings repeat it.
+  // The interrupted run is completed within a short time. Its schedule is complete, and is recorded in its
+  // settings.
   const int so_far = json::parse(get(folder / "own/metrics.json"))["iterations"].get<int>();
   const Result completed = ubs_ok(folder, "train --resume own --budget +1s");
   const std::string shares = get(folder / "own/config.yaml");

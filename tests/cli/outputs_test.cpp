@@ -140,7 +140,7 @@ TEST_CASE("outputs: results may go into a folder inside the data folder") {
   ubs_ok(folder, train("run"));
   const auto data = contents(folder / "data");
   ubs_ok(folder, train("data/output"));
-  ubs_ok(folder, train("data/output", "--overwrite"));  // the first one is not read back
+  ubs_ok(folder, train("data/output", "--overwrite"));  // does not read the first run as data
   ubs_ok(folder, "render data/output --out data/pictures");
   ubs_ok(folder, "render data/output --out data/pictures --overwrite");
   CHECK(get(folder / "data/output/model.ply") == get(folder / "run/model.ply"));
@@ -182,7 +182,7 @@ TEST_CASE("outputs: --overwrite replaces a run that was edited or copied") {
   CHECK(get(folder / "copy/model.ply") == get(folder / "run/model.ply"));
 }
 
-// Runs a training, and `script` in its folder as soon as there is a checkpoint. $pid is the process of the
+// Runs a training, and runs `script` in its folder as soon as a checkpoint exists. $pid is the process of the
 // training.
 Result beside_training(const TempFolder& folder, int iterations, const std::string& script) {
   put(folder / "script.sh",
@@ -194,7 +194,7 @@ Result beside_training(const TempFolder& folder, int iterations, const std::stri
   return test::run_command(folder, "sh script.sh");
 }
 
-TEST_CASE("outputs: a copy of an interrupted run can be continued") {
+TEST_CASE("outputs: a copy of an interrupted run can be resumed") {
   const TempFolder folder;
   synthesise(folder);
   ubs_ok(folder, train("whole", "", 1500));
@@ -211,7 +211,7 @@ TEST_CASE("outputs: a copy of an interrupted run can be continued") {
   }
 }
 
-// A command that writes one file, which is written as OUT.
+// A command that writes one file. In its arguments, OUT stands for this file.
 struct Writer {
   const char* arguments;
   const char* input;  // must not be OUT
@@ -251,8 +251,8 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
   for (const char* name : {"mine.mp4", "mine.png"}) put(folder / name, "precious");
   fs::create_symlink("mine.mp4", folder / "link.mp4");
   fs::create_symlink("nowhere", folder / "dangling.mp4");
-  // Tests each command with its own output as an existing file, and with that of one other command; with
-  // UBS_TEST_ALL with those of all others.
+  // Tests each command with its own output as an existing file, and with the output of one other command. If
+  // UBS_TEST_ALL is set, tests it with the outputs of all other commands.
   const bool all = test::whole_sweep();
   std::size_t turn = 0;
   for (const Writer& writer : kWriters) {
@@ -304,7 +304,7 @@ TEST_CASE("outputs: commands that write a folder replace files with their names 
         {"data/test", "this folder contains images or cameras"},
         {"data", "is the data"},
         {".", "holds the data"}};
-    // Tests each command with one of them, or with all of them if UBS_TEST_ALL is set.
+    // Tests each command with one of these places, or with all of them if UBS_TEST_ALL is set.
     for (std::size_t i = 0; const auto& [place, message] : places)
       if (i++ == turn % 3 || test::whole_sweep()) check_refused(folder, with_out(arguments, place), message);
   }

@@ -28,7 +28,7 @@ using test::run_ubs;
 using test::TempFolder;
 using test::ubs_ok;
 
-// Trained once for all tests: runs 'still' (N = 6) and 'moving' (N = 7).
+// Returns a folder with the runs 'still' (N = 6) and 'moving' (N = 7), which are trained once for all tests.
 const TempFolder& trained() {
   static const TempFolder folder;
   static const bool done = [] {
@@ -89,7 +89,7 @@ void check_policy(const std::string& page, const HtmlCheck& check) {
     }
     CHECK(hashes.size() == (live ? 2 : 1));
     CHECK(hashes == sha256(page, element));
-    std::size_t run = 0;  // no data
+    std::size_t run = 0;  // elements that are not data
     for (const HtmlElement& e : check.all(element)) run += data_types.contains(e.at("type")) ? 0 : 1;
     CHECK(run == hashes.size());
     policy.erase(element + "-src");
@@ -109,8 +109,8 @@ struct Page {
   std::map<std::string, std::vector<cv::Mat>> pictures;  // by content
 };
 
-// Returns what the page contains, after checking that it is well-formed, uses no network, and that all its
-// pictures can be decoded and are used.
+// Returns the content of the page. Checks that the page is well-formed and uses no network, and that all its
+// images can be decoded and are used.
 Page read_page(const fs::path& path) {
   const std::string text = get(path);
   Page page{test::check_html(text), {}, {}};
@@ -260,7 +260,7 @@ TEST_CASE("report: runs side by side", "[cli]") {
   CHECK(count["truth"] == 2);  // one list for both
   CHECK(count["render"] == 4);
   CHECK(count["error"] == 4);
-  CHECK(count["lower half"] == 3);  // spatial and angular; spatial
+  CHECK(count["lower half"] == 3);  // two for the first run, one for the second
   CHECK(page.record["title"] == "still / other");
   CHECK(page.record["runs"][0]["settings"]["dim"] != page.record["runs"][1]["settings"]["dim"]);
   CHECK(page.record["histograms"][0]["runs"].size() == 2);
@@ -283,7 +283,7 @@ TEST_CASE("report: runs with missing parts", "[cli]") {
   Page page = read_page(folder / "away/run/report.html");
   CHECK(page.record["views"].back()["name"] == "around the model 2");
   auto count = counts(page);
-  CHECK(count["truth"] == 3);  // that the run saved
+  CHECK(count["truth"] == 3);  // images that the run saved
   CHECK(count["render"] == 5);
   CHECK(count["depth"] == 2);
   CHECK(brightness(page, "alpha") > 3);
@@ -394,7 +394,7 @@ TEST_CASE("report: killed and interrupted runs together with a finished one", "[
   CHECK_FALSE(fs::exists(folder / "no.html"));
 }
 
-TEST_CASE("report: a run that was killed later, with the background and the lenses that it has learnt",
+TEST_CASE("report: if a checkpoint is newer than the model, its learnt background and lenses are displayed",
           "[cli]") {
   const TempFolder& folder = trained();
   const fs::path run = folder / "continued";
@@ -412,7 +412,7 @@ TEST_CASE("report: a run that was killed later, with the background and the lens
   std::string config = get(run / "config.yaml");
   const std::string none = "refine_cameras: none";
   put(run / "config.yaml", config.replace(config.find(none), none.size(), "refine_cameras: pose+intrinsics"));
-  json cameras;  // in which the object looks like a point
+  json cameras;  // for which the object is as small as a point
   for (const json& view : metrics["test"]["views"])
     cameras["frames"].push_back(
         {{"file_path", "test/" + view["name"].get<std::string>() + ".png"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs that are killed or interrupted, and then resumed. The tracer of tests/fault ends them at a chosen
-// system call, so the tests do not depend on the speed of the machine.
+// Tests runs that are killed or interrupted, and then resumed. The tracer of tests/fault ends them at a
+// chosen system call, so the tests do not depend on the speed of the machine.
 #include <catch2/catch.hpp>
 #include <csignal>
 #include <filesystem>
@@ -65,7 +65,7 @@ void interrupt_run(const TempFolder& folder, const std::string& out, int signal,
   REQUIRE(faulty_run(folder, out, fmt::format("{} {}", kRun, more), "log.csv", fault).code == 130);
 }
 
-TEST_CASE("cli: a run that was killed or interrupted is continued to the same bytes") {
+TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when it is resumed") {
   const TempFolder folder;
   synthesise(folder);
   REQUIRE(run_ubs(folder, fmt::format("train {} --out whole", kRun)).code == 0);
@@ -90,17 +90,17 @@ TEST_CASE("cli: a run that was killed or interrupted is continued to the same by
     const json metrics = json::parse(get(folder / out / "metrics.json"));
     CHECK(metrics["resumed_from"].get<int>() > 0);
     CHECK(metrics["interrupted"] == false);
-    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // nothing begins
+    CHECK_THAT(metrics["data_report"].dump(), !Contains("random positions"));  // no initial splats
   }
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
-TEST_CASE("cli: the checkpoint of another run is not continued in this one's folder") {
+TEST_CASE("cli: a checkpoint is not resumed in the folder of another run") {
   const TempFolder folder;
   synthesise(folder);
   interrupt_run(folder, "a", SIGTERM, "--checkpoint-every 60");
   interrupt_run(folder, "other", SIGTERM, "--checkpoint-every 60 --seed 5");
-  // A run with the same settings and data is told apart by the seconds in its first row.
+  // Runs with the same settings and data are distinguished by the seconds in the first row of the log.
   Checkpoint same = read_checkpoint(folder / "a/checkpoint.ubs");
   same.first_row.insert(same.first_row.find(',') + 1, "9");
   fs::create_directory(folder / "same");
@@ -120,13 +120,14 @@ TEST_CASE("cli: the checkpoint of another run is not continued in this one's fol
               "another run than config.yaml in the same folder (cannot resume with seed = 5");
   put(folder / "a/checkpoint.ubs", own);
   CHECK(run_ubs(folder, "train --resume a --quiet").code == 0);
-  // Alone in a folder a checkpoint is all that a run needs.
+  // A folder that only contains a checkpoint is sufficient to resume a run.
   fs::create_directories(folder / "new");
   fs::copy_file(folder / "other/checkpoint.ubs", folder / "new/checkpoint.ubs");
   CHECK(run_ubs(folder, "train --resume new --quiet").code == 0);
 }
 
-// Names of folders are bytes: this one is Latin-1, with a line break and an escape of ours in it.
+// Names of folders are bytes. This one is Latin-1 and contains a line break and an escape sequence of
+// encode_text().
 TEST_CASE("cli: a run on a data path that is not valid text is resumed") {
   const TempFolder folder;
   const std::string name = "caf\xe9 \\x41\n'q'", run = name + " run";
@@ -167,7 +168,7 @@ TEST_CASE("cli: a run that cannot be resumed is reported in one line") {
 
 #ifdef UBS_SCARCE_MEMORY
 // An image that is read during the training cannot be allocated.
-TEST_CASE("cli: a training that runs out of memory keeps its state, and is continued to the same bytes") {
+TEST_CASE("cli: a training that runs out of memory keeps its state, and gives the same bytes if resumed") {
   const TempFolder folder;
   constexpr int kSide = 201;  // ten images of 121 203 bytes do not fit into the cache
   put_scene(folder / "data", kSide, 8, 2);
@@ -190,8 +191,8 @@ TEST_CASE("cli: a training that runs out of memory keeps its state, and is conti
 }
 #endif
 
-// Finite parameters whose gradient is not: a large splat half way to the first camera, with colours of 1e38,
-// whose squares SSIM takes.
+// Writes finite parameters whose gradient is not finite. They describe a large splat half way to the first
+// camera, with colours of 1e38, which SSIM squares.
 void make_glaring(const fs::path& checkpoint, const fs::path& data) {
   Checkpoint c = read_checkpoint(checkpoint);
   const std::array<double, 3> centre = load_blender_split(data, "train").views[0].camera.centre();
@@ -205,7 +206,7 @@ void make_glaring(const fs::path& checkpoint, const fs::path& data) {
   write_checkpoint(checkpoint, c);
 }
 
-TEST_CASE("cli: a value that is not finite stops with 7 and names iteration and stage") {
+TEST_CASE("cli: a value that is not finite gives exit code 7, and the message contains iteration and stage") {
   const test::LenientKernels kernels;
   const TempFolder folder;
   synthesise(folder);
@@ -220,7 +221,7 @@ TEST_CASE("cli: a value that is not finite stops with 7 and names iteration and 
   CHECK(get(folder / "run/checkpoint.ubs") == bytes);
   CHECK(
       (test::contains(result.err, "stage image_loss") || test::contains(result.err, "stage raster_forward")));
-  // Without the splat the run comes to its end, unless other splats are as bad by then.
+  // Without this splat the run is completed, unless other splats have also become unusable.
   const Result dropped = run_ubs(folder, "train --resume run --quiet --on-nan drop");
   INFO(dropped.err);
   const bool refused = test::contains(dropped.err, "would have been dropped");

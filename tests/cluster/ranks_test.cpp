@@ -93,7 +93,7 @@ TEST_CASE("deal: faster ranks render more views, and the views of a round are co
   CHECK(fast.rank_of(5) == 1);
 }
 
-TEST_CASE("learning rates of larger batches scale with the square root, but only those of Adam steps") {
+TEST_CASE("learning rates of Adam scale with the square root of the batch size, and the noise does not") {
   TrainSettings settings = resolve_automatic({});
   settings.batch = 4;
   const ParameterLayout layout(6);
@@ -152,7 +152,7 @@ wait $job)",
   CHECK(killed.code != 124);  // the job did not hang
 }
 
-TEST_CASE("ranks: a signal to one of them ends all, with a checkpoint and the same exit code") {
+TEST_CASE("ranks: a signal to one rank ends all ranks, with a checkpoint and the same exit code") {
   const TempFolder folder;
   synthesise(folder);
   test::put(folder / "end.sh", fmt::format(R"sh(
@@ -324,7 +324,7 @@ TEST_CASE("ranks: if the disk of one rank is full, the checkpoint is lost but th
     CHECK_FALSE(entry.path().filename().string().starts_with(".ubs-tmp-"));
 }
 
-TEST_CASE("ranks: no visible splats, so nothing to send") {
+TEST_CASE("ranks: if no splats are visible, nothing is sent") {
   const TempFolder folder;
   synthesise(folder);
   const std::string base = training(6, 4, "one", 20) + " --set near_plane=1000";
@@ -334,7 +334,7 @@ TEST_CASE("ranks: no visible splats, so nothing to send") {
   CHECK(metrics(folder, "many")["bytes_sent_by_first_rank"] == 0);
 }
 
-TEST_CASE("ranks: one of them has no visible splats") {
+TEST_CASE("ranks: one rank has no visible splats") {
   const TempFolder folder;
   synthesise(folder);
   std::string points =
@@ -518,8 +518,8 @@ TEST_CASE("ranks: errors are printed once, with the number of the rank") {
   INFO(data.err);
   CHECK(data.code == 2);
   CHECK_THAT(data.err, Contains("rank 1 has other data"));
-  // If a rank hangs, the other one does not wait for ever, but for a minute: on a busy machine the first step
-  // of the hanging rank may be slow, and with less patience the job could end before that rank is stopped.
+  // If a rank hangs, the other one only waits for a minute, and not for ever. With a shorter limit, the job
+  // could end before the rank is stopped, because its first step may be slow on a busy machine.
   test::put(
       folder / "stuck.sh",
       fmt::format(

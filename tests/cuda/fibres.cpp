@@ -82,7 +82,7 @@ void change(Context& from, Context& to) { swapcontext(&from, &to); }
 
 // ---- One block ----
 
-// A waiting fibre waits until the number of a generation changes.
+// A point at which fibres wait for each other. They continue when the number of the generation changes.
 struct Meeting {
   unsigned arrived = 0, generation = 0;
 };
@@ -160,7 +160,7 @@ void fibre_main() {
   block.fibres[block.current].done = true;
   --block.alive;
   give_way();
-  stop("a finished thread went on");
+  stop("a finished thread continued");
 }
 
 std::vector<unsigned> make_order(unsigned count, unsigned salt) {
@@ -197,7 +197,7 @@ unsigned lane() { return block.current % kLanes; }
 void barrier() { meet(block.all, static_cast<unsigned>(block.fibres.size())); }
 
 std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source) {
-  if (mask != 0xffffffffu) stop("a warp operation of part of a warp");
+  if (mask != 0xffffffffu) stop("a warp operation with only part of a warp");
   Warp& warp = block.warps[block.current / kLanes];
   const unsigned generation = warp.meeting.generation;
   warp.values[generation % 2][lane()] = value;
@@ -206,7 +206,7 @@ std::uint32_t exchange(std::uint32_t value, unsigned mask, unsigned source) {
 }
 
 unsigned ballot(unsigned mask, bool value) {
-  if (mask != 0xffffffffu) stop("a warp operation of part of a warp");
+  if (mask != 0xffffffffu) stop("a warp operation with only part of a warp");
   Warp& warp = block.warps[block.current / kLanes];
   const unsigned generation = warp.meeting.generation;
   warp.values[generation % 2][lane()] = value;
@@ -218,8 +218,8 @@ unsigned ballot(unsigned mask, bool value) {
 
 void run(dim3 grid, dim3 block_shape, const std::function<void()>& kernel) {
   if (block_shape.y != 1 || block_shape.z != 1 || block_shape.x == 0 || block_shape.x > 1024)
-    stop("only blocks of one dimension and at most 1024 threads");
-  if (grid.y > 65535 || grid.z > 65535) stop("a grid beyond the limits of CUDA");
+    stop("only blocks with one dimension and at most 1024 threads are supported");
+  if (grid.y > 65535 || grid.z > 65535) stop("the grid exceeds the limits of CUDA");
   static std::vector<std::unique_ptr<char[]>> stacks;
   while (stacks.size() < block_shape.x) stacks.emplace_back(new char[kStackBytes]);
   grid_size = grid;

@@ -87,7 +87,7 @@ TEST_CASE("a card for which the build has no code is skipped, with the reason", 
   }
 }
 
-TEST_CASE("the memory of a card is what other programs leave free", "[cuda]") {
+TEST_CASE("the memory of a card excludes the memory that other programs use", "[cuda]") {
   const std::uint64_t all = cuda::open_device(0)->info().memory_bytes;
   const OtherCard card({.used = std::size_t{all} / 4});
   const DeviceInfo listed = cuda::list_devices().at(0);

@@ -54,7 +54,7 @@ std::vector<KernelConfig> configurations() {
   };
   add([](KernelConfig& c) { c.alpha_min = 1.0f / 255, c.depth = true, c.depth_grad = true; });
   add([](KernelConfig& c) { c.absgrad = true; });
-  add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });  // beyond those compiled ahead
+  add([](KernelConfig& c) { c.dim = 8, c.query_grad = true; });  // not compiled ahead of time
   if (test::whole_sweep()) add([](KernelConfig& c) { c.dim = 11; });
   add([](KernelConfig& c) { c.math = MathMode::native; });
   add([](KernelConfig& c) { c.math = MathMode::rough; });

@@ -104,7 +104,7 @@ TEST_CASE("colmap: if there are several models, the largest or the requested one
   CHECK(views("0") == 1);
   CHECK_THAT(message_of([&] { views("7"); }, ErrorKind::usage),
              Contains("there is no COLMAP model '7'") && Contains("--colmap-model"));
-  std::filesystem::remove_all(folder / "sparse/0");  // also without sparse/0
+  std::filesystem::remove_all(folder / "sparse/0");  // sparse/0 is not required
   CHECK(load_dataset(folder.path()).find("train")->views.size() == 8);
 }
 

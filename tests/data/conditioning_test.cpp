@@ -33,7 +33,8 @@ Conditioned<double> seen(const SplatModel& model, std::size_t splat, int view) {
 }
 
 struct Difference {
-  double mean = 0, covariance = 0, opacity = 0;  // relative to the splat's size, to its square, absolute
+  // The mean is relative to the size of the splat, the covariance to its square, and the opacity is absolute.
+  double mean = 0, covariance = 0, opacity = 0;
   int compared = 0;
 };
 

@@ -43,7 +43,7 @@ std::string encoded(const char* extension, const cv::Mat& image, const std::vect
   return {bytes.begin(), bytes.end()};
 }
 
-// A file that OpenCV does not write.
+// Returns a JPEG file of a kind that OpenCV does not write.
 std::string turbo_jpeg(int width, int height, TJPF format, TJSAMP subsampling) {
   std::vector<unsigned char> pixels(sample_count(width, height, tjPixelSize[format]));
   for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<unsigned char>(i * 2 + i / 96);

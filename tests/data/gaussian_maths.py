@@ -7,7 +7,7 @@ C0 = 0.28209479177387814  # the constant harmonic
 
 
 def covariances(scale, wxyz):
-    """R diag(scale)^2 R^T; scale is (n, 3), wxyz (n, 4) quaternions of any length."""
+    """Returns R diag(scale)^2 R^T; scale is (n, 3), wxyz (n, 4) quaternions of any length."""
     w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T.astype(float)
     r = np.array(
         [
@@ -21,7 +21,8 @@ def covariances(scale, wxyz):
 
 
 def colour(sh, d):
-    """Harmonics up to degree 3 with the signs of 3DGS; sh is (n, coefficients, 3), d (n, 3) unit vectors."""
+    """Returns colours from harmonics up to degree 3 with the signs of 3DGS; sh is (n, coefficients, 3), d (n, 3) unit
+    vectors."""
     x, y, z = d.T
     xx, yy, zz = x * x, y * y, z * z
     basis = [

@@ -72,7 +72,7 @@ TEST_CASE("pool: every request for a broken image throws its error", "[pool]") {
   for (int i = 0; i < 3; ++i) CHECK_THAT(message_of([&] { pool.get(0); }), Contains("image -3 is damaged"));
 }
 
-TEST_CASE("pool: several threads get the same few images, although the pool holds only one", "[pool]") {
+TEST_CASE("pool: several threads get the same few images, although it only has space for one", "[pool]") {
   ImagePool pool(1, 4);
   for (int i = 0; i < 3; ++i) pool.add(std::make_shared<CountedSource>(i, 1000));
   std::atomic<int> wrong{0};

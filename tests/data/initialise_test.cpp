@@ -71,7 +71,7 @@ TEST_CASE("philox: uniform and normal draws have their moments", "[initialise]")
   CHECK(streams == Approx(0).margin(5 * 0.0833 / 316));
 }
 
-TEST_CASE("initialise: neighbour distances against brute force", "[initialise]") {
+TEST_CASE("initialise: neighbour distances agree with brute force", "[initialise]") {
   const CounterRandom random(7, 0);
   std::vector<std::array<float, 3>> points(300);
   for (std::size_t i = 0; i < points.size(); ++i)
@@ -143,7 +143,7 @@ TEST_CASE("initialise: every group of the random model", "[initialise]") {
   }
 }
 
-TEST_CASE("initialise: reproducible, seeded, with options", "[initialise]") {
+TEST_CASE("initialise: the model is reproducible, and depends on seed and options", "[initialise]") {
   const SplatModel a = initialise_random(6, 500, 1), b = initialise_random(6, 500, 1),
                    c = initialise_random(6, 500, 2);
   CHECK(a.values == b.values);

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests GLB and SOG files of `ubs convert`, which are read here according to their published layouts only, and SOG
-files that are written here and read by ubs: interchange_test.py UBS. Exits with 77 without numpy or Pillow."""
+"""Tests GLB and SOG files that `ubs convert` writes. They are read here according to their published layouts only. Also
+tests that ubs reads SOG files that are written here. Usage: interchange_test.py UBS. Exits with 77 if numpy or Pillow
+is not installed."""
 
 import json
 import shutil
@@ -153,7 +154,8 @@ def check_sog(path, table):
     assert (1 - np.abs((a * b).sum(1))).max() < 1e-4
 
 
-# Written by Pillow and zipfile with deflate, and with other sizes and names than those of ubs.
+# Writes a SOG file with Pillow and zipfile. It is compressed with deflate, and has other image sizes and file names
+# than the files that ubs writes.
 def write_sog(path, table):
     n, width = len(table), 64
     height = (n + width - 1) // width + 1

@@ -55,7 +55,7 @@ TEST_CASE("json: errors contain the file and the position", "[json]") {
   CHECK_THAT(error("[\"\xff\"]"), Contains("dir/a.json: malformed JSON"));
 }
 
-TEST_CASE("json: nested 100 deep is read, deeper is not", "[json]") {
+TEST_CASE("json: up to 100 levels of nesting are read, and more are rejected", "[json]") {
   const auto nested = [](const std::string& open, const std::string& close, std::size_t depth) {
     return parse_json(repeated(open, depth) + "0" + repeated(close, depth), "a.json");
   };
@@ -67,8 +67,8 @@ TEST_CASE("json: nested 100 deep is read, deeper is not", "[json]") {
   CHECK_THAT(message_of([&] { nested("{\"a\":", "}", 101); }), Contains("nested deeper than 100"));
 }
 
-// Each of these took hours when the time was quadratic in the length of the text.
-TEST_CASE("json: a million of anything is read", "[json]") {
+// Each of these texts took hours when the time was quadratic in the length of the text.
+TEST_CASE("json: arrays and objects with a million values are read", "[json]") {
   constexpr std::size_t kMany = 1'000'000;
   CHECK(parse_json("{\"x\":[" + repeated("{},", kMany) + "{}]}", "a.json")["x"].size() == kMany + 1);
   std::string members = "{";
@@ -79,8 +79,8 @@ TEST_CASE("json: a million of anything is read", "[json]") {
   CHECK(json_text(object) == members + "\"end\":-1}");
 }
 
-// The parser of the library takes time with the square of the members, and has no limits.
-TEST_CASE("json: no source parses without the limits", "[json]") {
+// The time of the library's own parser is quadratic in the number of members, and it has no limits.
+TEST_CASE("json: no source file uses the library's own parser, which has no limits", "[json]") {
   std::size_t files = 0;
   for (const char* top : {"host", "tools", "cuda_backend"})
     for (const auto& entry :

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes tables of camera models with pycolmap: rays and the pixel positions that COLMAP projects them to.
+"""Creates tables of camera models with pycolmap. They contain rays and the pixels to which COLMAP projects them.
 
 lens_values.py --points 15 --out tests/data/lens_values.txt    the table that tests/data/lens_test.cpp reads
 lens_values.py --points 1000 --test build/tests/test_data      compares the program with that many points of each model
 
-Exits with 77 (skipped) where pycolmap is not installed, and says so. All 18 models need pycolmap 4.1 or newer.
+If pycolmap is not installed, prints a message and exits with 77 (skipped). All 18 models need pycolmap 4.1 or newer.
 """
 import argparse
 import os
@@ -79,7 +79,7 @@ def main():
         import numpy
         import pycolmap
     except ImportError as error:
-        print(f"skipped: {error} (pip install pycolmap); tests/data/lens_values.txt has values that it made")
+        print(f"skipped: {error} (pip install pycolmap); tests/data/lens_values.txt contains values that it computed")
         return 77
     if options.out:
         with open(options.out, "w", encoding="ascii") as out:

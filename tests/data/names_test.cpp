@@ -215,7 +215,7 @@ TEST_CASE("names: tens of thousands of files are found quickly", "[names]") {
   }
 }
 
-TEST_CASE("names: hidden files of macOS are neither images nor in the place of images", "[names]") {
+TEST_CASE("names: hidden files of macOS are not used as images", "[names]") {
   for (const Opened& found : in_all_layouts({"images/a1.png"}, {"images/a1.png", "images/._a1.png"})) {
     INFO(found.error << found.notes);
     CHECK(found.views == 1);
@@ -224,7 +224,7 @@ TEST_CASE("names: hidden files of macOS are neither images nor in the place of i
   for (const Opened& found :
        in_all_layouts({"images/a1.jpg", "images/a2.jpg"}, {"images/a1.png", "images/._a2.jpg"})) {
     INFO(found.error << found.notes);
-    CHECK(found.views < 2);  // without one of its training images the Blender layout is refused
+    CHECK(found.views < 2);  // the Blender layout requires all training images
     CHECK_THAT(found.notes + found.error, Contains("a2.jpg"));
   }
 }
@@ -237,39 +237,39 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
     void (*put_in)(const fs::path& folder);
   };
   const std::vector<Row> rows{
-      {"a picture without a camera (nerfstudio)", "1 images in 'images' belong to no camera",
+      {"an image without a camera (nerfstudio)", "1 images in 'images' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"});
        }},
-      {"a picture without a camera (blender)", "1 images in 'train' belong to no camera",
+      {"an image without a camera (blender)", "1 images in 'train' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12), put_image(f / "train/b.png", 16, 12);
          put_json(f / "transforms_train.json", {"train/a"});
        }},
-      {"a picture without a camera (colmap)", "1 images in 'images' belong to no camera",
+      {"an image without a camera (colmap)", "1 images in 'images' belong to no camera",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "images/b.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
        }},
-      {"a missing picture (nerfstudio)", "1 skipped: no such image (images/b.png)",
+      {"a missing image (nerfstudio)", "1 skipped: no such image (images/b.png)",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png", "images/b.png"});
        }},
-      {"a missing picture (blender)", "1 skipped: no such image (test/b)",
+      {"a missing image (blender)", "1 skipped: no such image (test/b)",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12), put_image(f / "test/a.png", 16, 12);
          put_json(f / "transforms_train.json", {"train/a"});
          put_json(f / "transforms_test.json", {"test/a", "test/b"});
        }},
-      {"a split without pictures", "no test split: none of the 1 images of transforms_test.json exists",
+      {"a split without images", "no test split: none of the 1 images of transforms_test.json exists",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12);
          put_json(f / "transforms_train.json", {"train/a"});
          put_json(f / "transforms_test.json", {"test/a"});
        }},
-      {"masks that nothing names (nerfstudio)", "1 masks in 'masks' belong to no image",
+      {"a mask that the JSON file does not list (nerfstudio)", "1 masks in 'masks' belong to no image",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_image(f / "masks/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"});
@@ -279,23 +279,23 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
          put_image(f / "images/a.png", 16, 12);
          put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
        }},
-      {"a column and faces of points (nerfstudio)",
+      {"an unused column and unused faces (nerfstudio)",
        "p.ply: properties of element 'vertex' that are not used: label; element 'face' (1 rows) is not used",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_points(f / "p.ply");
          put_json(f / "transforms.json", {"images/a.png"}, R"("ply_file_path": "p.ply",)");
        }},
-      {"the same (blender)", "points3d.ply: properties of element 'vertex' that are not used: label",
+      {"an unused column (blender)", "points3d.ply: properties of element 'vertex' that are not used: label",
        [](const fs::path& f) {
          put_image(f / "train/a.png", 16, 12), put_points(f / "points3d.ply");
          put_json(f / "transforms_train.json", {"train/a"});
        }},
-      {"the same (colmap)", "points3D.ply: properties of element 'vertex' that are not used: label",
+      {"an unused column (colmap)", "points3D.ply: properties of element 'vertex' that are not used: label",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12), put_model(f / "sparse/0", {"a.png"});
          put_points(f / "sparse/0/points3D.ply");
        }},
-      {"the same (llff)", "points3d.ply: properties of element 'vertex' that are not used: label",
+      {"an unused column (llff)", "points3d.ply: properties of element 'vertex' that are not used: label",
        [](const fs::path& f) {
          put_rows(f, 1), put_image(f / "images/a.png", 128, 96), put_points(f / "points3d.ply");
        }},
@@ -305,35 +305,35 @@ TEST_CASE("silence: every reader reports what it does not use", "[names]") {
          put_model(f / "sparse/0", {"a.png"});
          put_model(f / "sparse/1", {"a.png", "b.png"});
        }},
-      {"a pose that is no number", "1 skipped: its pose or camera in the model is not finite (b.png)",
+      {"a pose that is not finite", "1 skipped: its pose or camera in the model is not finite (b.png)",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 -nan(ind) 0 0 0 nan 0 0 1 b.png\n\n");
        }},
-      {"a fisheye picture of more than 180 degrees", "1 wide images were split into 6 pinhole views",
+      {"a fisheye image of more than 180 degrees", "1 wide images were split into 6 pinhole views",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 160, 120);
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 160 120 40 40 80 60 0 0 0 0\n");
        }},
-      {"the rim of a fisheye picture", "% of the image is lost",
+      {"the rim of a fisheye image", "% of the image is lost",
        [](const fs::path& f) {
          put_image(f / "images/a.png", 16, 12);
          put_model(f / "sparse/0", {"a.png"});
          put(f / "sparse/0/cameras.txt", "1 OPENCV_FISHEYE 16 12 5 5 8 6 0 0 0 0\n");
        }},
-      {"a video beside the images (llff)", "1 videos are not used, because poses_bounds.npy has 2 rows",
+      {"a video next to the images (llff)", "1 videos are not used, because poses_bounds.npy has 2 rows",
        [](const fs::path& f) {
          put_rows(f, 2), put(f / "walk.mp4", "");
          put_image(f / "images/a.png", 128, 96), put_image(f / "images/b.png", 128, 96);
        }},
-      {"a mask too many (llff)", "1 masks in 'masks' belong to no image (the first: 'masks/b.png')",
+      {"a mask without an image (llff)", "1 masks in 'masks' belong to no image (the first: 'masks/b.png')",
        [](const fs::path& f) {
          put_rows(f, 1), put_image(f / "images/a.png", 128, 96);
          put_image(f / "masks/a.png", 128, 96), put_image(f / "masks/b.png", 128, 96);
        }},
-      {"frames of one camera alone (n3v)",
+      {"a frame that only one camera has (n3v)",
        "cam00 has 1 frames, but cam01 has 2: frames from 1 on are not used",
        [](const fs::path& f) {
          put_rows(f, 2);

@@ -310,7 +310,8 @@ TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") 
 
 namespace {
 
-// A file of frames whose cameras turn and are at `centre`, plus `spread` times numbers from -1 to 1.
+// Returns a transforms file whose cameras have different rotations. Their positions are `centre` plus
+// `spread` times numbers from -1 to 1.
 std::string frames_around(const std::array<double, 3>& centre, double spread, bool as_float = false) {
   std::string text = "{" + kHead + "\"frames\": [";
   for (int i = 0; i < 24; ++i) {
@@ -329,8 +330,9 @@ std::string frames_around(const std::array<double, 3>& centre, double spread, bo
 
 }  // namespace
 
-// Also where the mean position is a whole number, so that nothing but rounding errors is left of it.
-TEST_CASE("dataset: cameras at one place are recognised wherever it is", "[dataset]") {
+// Also tests cameras whose mean position consists of whole numbers. When this mean is subtracted from their
+// positions, only rounding errors remain.
+TEST_CASE("dataset: cameras with the same position are recognised for every position", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 24);
   struct Row {
@@ -370,7 +372,8 @@ TEST_CASE("dataset: cameras at one place are recognised wherever it is", "[datas
   }
 }
 
-// The offset is rounded to whole units, or finer where these are large compared with the extent.
+// The offset is rounded to whole units, or to smaller steps if whole units are large compared with the
+// extent.
 TEST_CASE("dataset: the offset keeps the digits of data in a large unit", "[dataset]") {
   TempFolder folder;
   put_frames(folder, 24);
@@ -470,7 +473,7 @@ TEST_CASE("llff: depth bounds are assigned to their views, although the order of
   CHECK(load_dataset(folder.path(), {.read = {.test_every = 0}}).find("train")->views.size() == 2);
 }
 
-TEST_CASE("n3v: videos become times, the first camera is the test split", "[llff]") {
+TEST_CASE("n3v: frames of videos become views with times, and the first camera is the test split", "[llff]") {
   TempFolder folder;
   std::vector<double> rows;
   for (int camera = 0; camera < 3; ++camera) {
@@ -539,7 +542,7 @@ TEST_CASE("n3v: folders of frames", "[llff]") {
   const Dataset data = load_dataset(folder.path());
   CHECK(data.find("train")->views.size() == 3);
   CHECK(data.find("test")->views[2].camera.time == 1);
-  put_image(folder / "cam01/0003.png", 64, 48);  // its times were those of a video with more frames
+  put_image(folder / "cam01/0003.png", 64, 48);  // one frame more than the other camera
   const Dataset longer = load_dataset(folder.path());
   REQUIRE(longer.find("train")->views.size() == 3);
   CHECK(longer.find("train")->views[1].camera.time == 0.5);

@@ -63,7 +63,7 @@ void read_everything(const std::filesystem::path& path) {
   file->points();
 }
 
-TEST_CASE("CRC-32 of the check value, at once and in parts", "[packed]") {
+TEST_CASE("CRC-32 of the check value is correct, computed at once or in parts", "[packed]") {
   const std::string text = "123456789";
   const auto bytes = std::as_bytes(std::span(text));
   CHECK(crc32(bytes) == 0xCBF43926u);
@@ -103,7 +103,7 @@ TEST_CASE("images that are decoded on demand are packed to the same bytes", "[pa
   CHECK(read_text_file(folder / "again.ubsd") == read_text_file(folder / "set.ubsd"));
 }
 
-TEST_CASE("an image that changes while it is packed leaves no file", "[packed]") {
+TEST_CASE("no file is written if an image changes while it is packed", "[packed]") {
   struct Changing : ImageSource {
     mutable std::uint8_t calls = 0;
     Image8 load() const override { return {5, 4, std::vector<std::uint8_t>(60, ++calls)}; }
@@ -151,7 +151,7 @@ TEST_CASE("a packed data set is restored without change", "[packed]") {
     }
 }
 
-// A manipulated file. The names matter, because `render` writes "<name>.png" for each view.
+// Tests a manipulated file. Its names are dangerous because `render` writes "<name>.png" for each view.
 TEST_CASE("names in a packed data set cannot lead out of a folder", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
@@ -200,7 +200,7 @@ TEST_CASE("a packed data set is opened like any other, and keeps its offset", "[
 }
 
 // Training treats the views of wide images differently (the opacity penalty), so packing must not hide them.
-TEST_CASE("a view of a wide image stays one in a packed file", "[packed]") {
+TEST_CASE("a packed file records which views are parts of wide images", "[packed]") {
   const TempFolder folder;
   PackedData data = make_data();
   for (Split& split : data.splits)
@@ -244,7 +244,7 @@ TEST_CASE("a truncated packed file is detected", "[packed]") {
   }
 }
 
-TEST_CASE("other files are rejected with their names", "[packed]") {
+TEST_CASE("files of other kinds are rejected, and the error contains their names", "[packed]") {
   const TempFolder folder;
   put(folder / "text.ubsd", "hello");
   CHECK_FALSE(is_packed(folder / "text.ubsd"));

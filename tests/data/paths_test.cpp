@@ -78,8 +78,8 @@ TEST_CASE("paths: files, folders, links", "[paths]") {
   CHECK_FALSE(path_exists(folder / "x"));
 }
 
-// The throwing forms cause a class of defects: a long name or a loop of links becomes an internal error. The
-// other forms, which this test allows, take an error_code.
+// With the throwing functions, a long name or a loop of links becomes an internal error. This test allows the
+// overloads that take an error_code.
 TEST_CASE("paths: no source uses the throwing functions of std::filesystem", "[paths]") {
   const std::regex call(
       R"(\b(?:fs|std::filesystem)::(?:exists|is_\w+|file_size|last_write_time|create_\w+|copy\w*|remove\w*|rename|)"

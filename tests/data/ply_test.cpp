@@ -121,7 +121,7 @@ TEST_CASE("ply: comments are written and read back", "[ply]") {
              Contains("read as a setting"));
 }
 
-TEST_CASE("ply: properties in any order, of any scalar type, with unknown ones between", "[ply]") {
+TEST_CASE("ply: properties are read in any order and type, also between unknown properties", "[ply]") {
   TempFolder folder;
   std::string header =
       "ply\r\nformat binary_little_endian 1.0\r\nobj_info made by hand\r\nelement vertex 1\r\n";

@@ -22,7 +22,7 @@ namespace {
 struct Kind {
   int colour, bits;
   bool transparent = false, interlaced = false;
-  int gamma = 0;  // of a gAMA chunk, in 1/100000
+  int gamma = 0;  // value of a gAMA chunk, in 1/100000
 };
 
 // Writes random rows with the low-level functions of libpng, because OpenCV supports few kinds.

@@ -41,7 +41,7 @@ TEST_CASE("formats: 3DGS PLY keeps every bit", "[formats]") {
   }
 }
 
-TEST_CASE("formats: any order of properties, additional properties, DBS", "[formats]") {
+TEST_CASE("formats: properties in any order, additional properties and DBS files are read", "[formats]") {
   TempFolder folder;
   const std::string names[] = {"rot_3",   "rot_2",   "rot_1", "rot_0",   "extra",      "scale_2",
                                "scale_1", "scale_0", "beta",  "opacity", "sh0_2",      "sh0_1",
@@ -134,7 +134,7 @@ TEST_CASE("formats: GLB preserves values and the translation to float32", "[form
   REQUIRE(notes.size() == 1);
   CHECK_THAT(notes[0], Contains("linear light (lin_rec709_display)"));
 
-  // The node with other fields; the length of the JSON is at byte 12.
+  // Returns the file with other fields in the node. The length of the JSON is stored at byte 12.
   const auto with_node = [&](const std::string& fields) {
     const std::string from = R"("translation":[100.0,2.5,-7.0])";
     std::uint32_t length = 0;

@@ -48,7 +48,7 @@ std::string ply_of(const ImportedSplats& s, const PlyKind& kind = {}) {
     for (const std::string& name : names) {
       const std::size_t k =
           name.back() >= '0' && name.back() <= '9' ? static_cast<std::size_t>(name.back() - '0') : 0;
-      double v = 0.25;  // of the additional columns
+      double v = 0.25;  // value of the additional columns
       if (name.size() == 1) v = s.positions[i][name[0] - 'x'] + kind.origin[name[0] - 'x'];
       if (name.starts_with("n")) v = 0;
       if (name.starts_with("f_dc")) v = s.sh[i * 3 * s.coefficients() + k];

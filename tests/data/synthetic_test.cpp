@@ -96,7 +96,7 @@ TEST_CASE("synthetic: the pixels agree with the cameras", "[synthetic]") {
   int inside_count = 0, outside_count = 0;
   for (const View& view : load_blender_split(folder.path(), "train").views) {
     if (view.camera.centre()[2] < 1.2)
-      continue;  // at such a flat angle, the border is a pixel away from everything
+      continue;  // at such a flat angle, every point is about a pixel from the border
     const auto alpha = alpha_of(folder / ("train/" + view.name + ".png"));
     const auto alpha_at = [&](double x, double y, double z) {
       const Camera& c = view.camera;

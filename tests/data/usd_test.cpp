@@ -213,7 +213,7 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
     }
   }
   for (float& q : moments[1].rotations[2]) q = -q;
-  // The same ellipsoid with its axes in a different order: a quarter turn about z exchanges x and y.
+  // This is the same ellipsoid, but a quarter turn about z exchanges its x and y axes.
   const auto [w, x, y, z] = base.rotations[3];
   const float h = std::sqrt(0.5f);
   moments[2].rotations[3] = {h * (w - z), h * (x + y), h * (y - x), h * (z + w)};
@@ -245,7 +245,7 @@ TEST_CASE("usd: time samples of a series are prepared for interpolation", "[form
   CHECK(apart.sh(1).size() == 3 * apart.moments()[1].count());
 }
 
-TEST_CASE("usd: text in every form that the format allows", "[formats]") {
+TEST_CASE("usd: text is read in every form that the format allows", "[formats]") {
   const ImportedSplats plain = parsed(layer_of(""));
   REQUIRE(plain.count() == 1);
   CHECK(plain.positions[0] == std::array<float, 3>{1, -2, -3});

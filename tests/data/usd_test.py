@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""USD files of `ubs convert`, read by OpenUSD and compared with PLY files, and files that OpenUSD wrote, read by
-ubs: usd_test.py UBS. Needs numpy and OpenUSD 26.03 or later (pip install usd-core), in the Python that runs this
-or in the python3 of PATH; exits with 77 without them."""
+"""Tests USD files in both directions: usd_test.py UBS.
+
+OpenUSD reads the files that `ubs convert` writes, and their values are compared with PLY files. ubs reads files that
+OpenUSD wrote. The test needs numpy and OpenUSD 26.03 or later (pip install usd-core), in the Python that runs this
+script or in the python3 of PATH. Without them it exits with 77."""
 
 import os
 import shutil
@@ -123,7 +125,7 @@ def validate(stage):
     try:
         from pxr import UsdValidation
     except ImportError:
-        print("OpenUSD's validators are not in this package: not run")
+        print("OpenUSD's validators are not run, because this package does not contain them")
         return
     registry = UsdValidation.ValidationRegistry()
     validators = registry.GetOrLoadAllValidators()
@@ -199,7 +201,8 @@ def check_still(folder):
 
 
 def check_foreign(folder):
-    """Creates a stage like another program: half precision, below a translated prim, z up, with time samples."""
+    """Tests a stage as another program may write it: its values have half precision and time samples, its prim is
+    below a translated prim, and its z axis points up."""
     stage = Usd.Stage.CreateNew(str(folder / "foreign.usda"))
     UsdGeom.SetStageUpAxis(stage, "Z")
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
@@ -252,7 +255,8 @@ def check_series(folder):
             rows, degree, _ = read_ply(folder / "t.ply")
             table = Table(rows, degree)
             places, wxyz, scales, opacities, sh = values_of(prim, moment)
-            # The file also contains splats that are invisible at this time. The others have the order of the PLY file.
+            # The file also contains splats that are invisible at this time. The other splats have the same
+            # order as in the PLY file.
             visible = opacities >= np.float32(1 / 255)
             assert visible.sum() == len(rows), (visible.sum(), len(rows))
             assert visible.sum() > 100

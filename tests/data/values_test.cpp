@@ -33,7 +33,7 @@ json document() {
           {"frames", {frame(0), frame(1)}}};
 }
 
-// Returns the message of both layouts of JSON files.
+// Checks that both layouts of JSON files are rejected with a message that contains `what`.
 void check_refused(const TempFolder& folder, const json& text, const std::string& what) {
   for (const char* layout : {"blender", "nerfstudio"}) {
     INFO(layout << " " << text.dump());
@@ -144,7 +144,7 @@ TEST_CASE("values: JSON files", "[values]") {
       "is not a rotation");
 }
 
-TEST_CASE("values: times of any range become 0 to 1", "[values]") {
+TEST_CASE("values: times of any range are mapped to 0 to 1", "[values]") {
   const TempFolder folder;
   json text = document();
   text["frames"][0]["time"] = -1e15, text["frames"][1]["time"] = 1e15;
@@ -203,7 +203,7 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   CHECK_THAT(written(camera([](Camera& c) { c.cx = 1e308; })), Contains("principal point = 1e+308"));
   CHECK_THAT(written(camera([](Camera& c) { c.time = INFINITY; })), Contains("the time is not finite"));
 
-  // As if manipulated: the checksum of the header is correct.
+  // Simulates manipulated files: the checksum of the header is correct.
   PackedData data{.splits = {{"train", {simple_view()}}}, .points = PointCloud{{{1, 2, 3}}, {{4, 5, 6}}}};
   const auto read = [&](const std::string& from, const std::string& to) {
     std::filesystem::remove(folder / "x.ubsd");  // rewritten below, so no longer the program's own
@@ -222,7 +222,7 @@ TEST_CASE("values: packed data sets are checked when written and when read", "[v
   CHECK_THAT(read("\"time\":0.0", "\"time\":0.5"), Contains("point 0 is not finite"));
 }
 
-TEST_CASE("values: no bytes after the end of a packed data set", "[values]") {
+TEST_CASE("values: bytes after the end of a packed data set are rejected", "[values]") {
   const TempFolder folder;
   write_packed(folder / "x.ubsd", {.splits = {{"train", {simple_view()}}}});
   const std::string whole = get(folder / "x.ubsd");

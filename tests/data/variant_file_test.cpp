@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the form of a model outside of the kernels: parameter rows and names, the record in the model file,
-// settings, and initial parameters.
+// Tests how the host represents a variant: parameter rows and names, the record in the model file, settings,
+// and initial parameters.
 #include <cmath>
 #include <set>
 
@@ -32,7 +32,7 @@ NamedVariant named(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("variants: the number of rows is that of the other methods", "[variants]") {
+TEST_CASE("variants: the number of parameter rows equals that of the published methods", "[variants]") {
   const auto count = [](const std::string& name) {
     const NamedVariant v = named(name);
     return ParameterLayout(v.dim, v.variant).count;
@@ -61,7 +61,7 @@ TEST_CASE("variants: groups cover each row once", "[variants]") {
   }
 }
 
-TEST_CASE("variants: a file stores its form", "[variants][ply]") {
+TEST_CASE("variants: a model file stores its variant", "[variants][ply]") {
   const TempFolder folder;
   for (const NamedVariant& v : named_variants()) {
     INFO(v.name << ", N = " << v.dim);
@@ -166,7 +166,7 @@ TEST_CASE("variants: initial parameters", "[variants][initialise]") {
     for (int row = layout.l_triangle; row < layout.count; ++row)
       CHECK(model.row(row)[7] == Approx(quaternion && row == layout.l_triangle ? 1 : 0).margin(1e-3));
   }
-  // Two forms with the same kinds of parameters start with equal values.
+  // Two variants with the same kinds of parameters start with equal values.
   InitOptions options;
   options.variant.cov_param = CovParam::cholesky;
   CHECK(initialise_random(6, 30, 4, options).values == initialise_random(6, 30, 4).values);

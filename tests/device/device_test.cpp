@@ -30,7 +30,7 @@ TEST_CASE("uploaded data of any size can be downloaded unchanged", "[device]") {
       a.upload(bytes, 2);
       std::fill(bytes.begin(), bytes.end(), std::uint8_t{0});  // write() returned: the source may change
       device->copy(*a.view().memory, 0, *b.view().memory, 0, size + 3);
-      a.upload(pattern(size, 2), 2);  // after the copy
+      a.upload(pattern(size, 2), 2);  // written after the copy was submitted, so it must not affect the copy
       std::vector<std::uint8_t> expected(size + 3, 0);
       const std::vector<std::uint8_t> first = pattern(size, 1), second = pattern(size, 2);
       std::copy(first.begin(), first.end(), expected.begin() + 2);
@@ -79,7 +79,7 @@ TEST_CASE("profiling lists the kernels that ran and their number of calls", "[de
 
 // Tests that the list of programs of a device contains the programs that the configuration requires,
 // whichever of them are compiled at run time.
-TEST_CASE("programs compiled at run time are those of the configuration", "[device]") {
+TEST_CASE("the programs compiled at run time are those that the configuration requires", "[device]") {
   for (const auto& device : devices_under_test()) {
     if (device->info().backend != "cuda") continue;
     const std::size_t before = device->programs().size();

@@ -105,7 +105,7 @@ TEST_CASE("damaged programs of a kernel cache are removed, and no others") {
   }
   test::put(folder / "EF/NEW/program.bc", "");  // never recorded, and empty
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
-  put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);  // since before the machine was started
+  put_aged(folder / "EF/OLD/program.bc", 10 * 365 * 24h);  // older than the last start of the machine
   CHECK(opencl::heal_driver_cache(folder.path()) == 1);
   CHECK_FALSE(fs::exists(folder / "EF/OLD"));
 

@@ -20,7 +20,7 @@ namespace ubs {
 namespace {
 
 struct End {
-  int code;  // -1: a signal
+  int code;  // exit code; -1: ended by a signal
   std::string err;
 };
 

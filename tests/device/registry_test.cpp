@@ -36,7 +36,7 @@ TEST_CASE("the rasteriser depends on the vector width, not on the type of the de
   CHECK(raster_kind("auto", cpu) == RasterKind::gpu);
   CHECK(raster_kind("cpu", cpu) == RasterKind::cpu);
   CHECK(raster_kind("auto", kCardAndCpu[0]) == RasterKind::gpu);
-  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA has one
+  CHECK_THROWS_AS(raster_kind("cpu", kCardAndCpu[0]), Error);  // CUDA devices only have the rasteriser gpu
 }
 
 TEST_CASE("a device is found by index, type, back end and name", "[registry]") {

@@ -38,13 +38,13 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   const std::vector<std::string> headings = matches(method, std::regex("\n##+ ([0-9](\\.[0-9]+)?)\\.? "), 1);
   const std::set<std::string> sections(headings.begin(), headings.end());
   REQUIRE(sections.size() > 25);
-  // "method.md 2.1, 3.4" cites two sections, "method.md 4.3 step 1" one.
+  // "method.md 2.1, 3.4" cites two sections, and "method.md 4.3 step 1" cites one.
   const std::regex citation("[Mm]ethod\\.md\\)? (section )?([0-9](\\.[0-9]+)?(, [0-9](\\.[0-9]+)?)*)");
   const std::regex number("[0-9](\\.[0-9]+)?");
   std::size_t cited = 0;
   for (const fs::path& path : files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs"},
                                           {".h", ".hpp", ".cpp", ".cl", ".cu", ".cuh", ".md"})) {
-    if (path.parent_path().filename() == "results") continue;  // results describe the code of their day
+    if (path.parent_path().filename() == "results") continue;  // results describe earlier code
     const std::string text = ubs::read_text_file(path);
     if (text.find("ethod.md") == std::string::npos) continue;  // the regular expression is slow
     for (const std::string& found : matches(text, citation, 2))
@@ -57,7 +57,7 @@ TEST_CASE("documents: every cited section of method.md exists", "[docs]") {
   CHECK(cited > 60);
 }
 
-// Pages must be listed in the index, and images and tables on a page.
+// Pages must be listed in the index, and images and tables must be linked from a page.
 TEST_CASE("documents: every result is linked from the index of results", "[docs]") {
   const std::string index = ubs::read_text_file(kSource / "docs/results/README.md");
   std::string pages = ubs::read_text_file(kSource / "README.md");
@@ -111,7 +111,7 @@ std::vector<std::string> named_files(const std::string& text) {
 
 }  // namespace
 
-// Pages in docs/results keep the file names of their day.
+// Pages in docs/results keep the file names from the time when they were written.
 TEST_CASE("documents: files that comments and pages mention exist", "[docs]") {
   std::vector<fs::path> files =
       files_below({"kernels", "host", "cuda_backend", "tools", "tests", "docs", "data_specs"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests which headers the files of a room may include (docs/architecture.md): none of the rooms above it, and
-// none of a back end.
+// Tests that the files of a room (a folder of the code) only include headers that docs/architecture.md
+// allows: no headers of the rooms above it, and no headers of a back end.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 constexpr const char* kForeign[] = {"mine.txt", "renders/mine.png", "other/mine.csv"};
 
 bool is_temporary(const std::string& path) { return path.find("tmp-") != std::string::npos; }
-// Lists and locks, which are not results.
+// Returns whether the path is that of a list or a lock, which are not results.
 bool is_own_trace(const std::string& path) { return path.find(".ubs-") != std::string::npos; }
 
 Snapshot snapshot(const fs::path& folder) {
@@ -78,7 +78,7 @@ class Campaign {
     if (with_old && !scenario_.before.empty())
       fs::copy(folder_ / "before", folder_ / "out", fs::copy_options::recursive);
     for (const char* name : kForeign) put(folder_ / "out" / name, name);
-    if (scenario_.disk != nullptr) scenario_.disk->sync();  // old files have been there for long
+    if (scenario_.disk != nullptr) scenario_.disk->sync();  // old files are already on the disk
   }
 
   std::string command_line(const std::string& arguments) const {
@@ -198,9 +198,9 @@ const std::vector<FaultKind>& writing_faults() {
       {"short write", write_calls, Fault::shorten},
       {"EACCES from this call on", open_calls | rename_calls | remove_calls | make_calls, Fault::fail, EACCES,
        true},
-      // As when the kernel makes a file system read-only after an error of the disk. Files that are already
-      // open for writing fail too.
-      {"EROFS from here on",
+      // This happens when the kernel makes a file system read-only after a disk error. Writing to files that
+      // are already open fails too.
+      {"EROFS from this call on",
        open_calls | write_calls | sync_calls | rename_calls | remove_calls | make_calls | resize_calls,
        Fault::fail, EROFS, true}};
   return kinds;
@@ -209,7 +209,7 @@ const std::vector<FaultKind>& writing_faults() {
 const std::vector<FaultKind>& reading_faults() {
   static const std::vector<FaultKind> kinds{{"EIO", look_calls | read_calls, Fault::fail, EIO},
                                             {"EINTR", look_calls | read_calls, Fault::fail, EINTR},
-                                            {"no more files", look_calls, Fault::fail, EMFILE},
+                                            {"too many open files", look_calls, Fault::fail, EMFILE},
                                             {"short read", read_calls, Fault::shorten}};
   return kinds;
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Test support: introduces every kind of fault at every system call of a command, and checks the following
-// after each of them. The exit code is documented and not "internal". An error is one line. Nothing hangs.
-// Each result is the old file, the complete new file, or missing. Foreign files are unchanged. Only a killed
-// process leaves temporary files. If the exit code is 0 and there is no warning, the results are
-// bit-identical to those of an undisturbed run. Otherwise, the command that completes the work on a working
-// disk gives these results and leaves no temporary file.
+// after each of them. The exit code is documented and not "internal". An error message is one line. The
+// command does not hang. Each result is the old file, the complete new file, or missing. Foreign files are
+// unchanged. Only a killed process leaves temporary files. If the exit code is 0 and there is no warning, the
+// results are bit-identical to those of an undisturbed run. Otherwise, the command that completes the work on
+// a working disk gives these results and leaves no temporary file.
 #pragma once
 
 #include <functional>

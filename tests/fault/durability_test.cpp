@@ -68,7 +68,7 @@ std::string defect(const TracedRun& run, const std::string& last = "") {
 
 void prepare(const TempFolder& folder) { put_scene(folder / "data", 32, 4, 2); }
 
-TEST_CASE("durability: every writer synchronises file and folder around the rename") {
+TEST_CASE("durability: every writer synchronises the file before the rename and the folder after it") {
   REQUIRE(can_trace());
   const TempFolder folder;
   prepare(folder);
@@ -162,8 +162,8 @@ TEST_CASE("durability: a run that is killed at any rename or removal can be comp
     CHECK(run.signal == SIGKILL);
     const bool kept = fs::exists(folder / "run/checkpoint.ubs");
     resumed += kept;
-    // After the checkpoint has been removed, nothing remains to be done. Before the first checkpoint, nothing
-    // is lost.
+    // If the checkpoint has already been removed, the run is complete. If there is no checkpoint yet, the run
+    // is started again.
     const bool done = !kept && fs::exists(folder / "run/metrics.json");
     if (!done) ubs_ok(folder, kept ? "train --resume run --quiet" : start);
     check_same_run(folder / "run", folder / "whole");
@@ -208,7 +208,7 @@ TEST_CASE("durability: a disk that is temporarily full does not affect a run") {
       if (warnings > 0) CHECK(run.err.find("log.csv: writing failed") != std::string::npos);
       check_same_run(folder / "run", folder / "whole");
     }
-  // If the disk stays full, there is one line of error, and the run can be resumed when there is space again.
+  // If the disk stays full, ubs prints one error line, and the run can be resumed when there is space again.
   const int behind = number_of(clean, write_calls, [&, seen = 0](const Call& call) mutable {
     return call.path == "log.csv" && ++seen == 3;
   });

@@ -23,7 +23,7 @@ constexpr const char* kTraining =
     "--data data --dim 3 --init-points 150 --cap-max 150 --iterations 30 --checkpoint-every 10 "
     "--log-every 10 --quiet --out ";
 
-// Times differ from run to run, but the file must always be complete.
+// Returns the part of a file that is the same in every run: times differ, but the file must be complete.
 std::string without_times(const std::string& path, const std::string& bytes) {
   if (path.ends_with(".html")) return bytes.find("</html>") != std::string::npos ? "a page" : "broken";
   if (path.ends_with(".md")) return "a text";
@@ -77,7 +77,7 @@ Scenario training() {
 }
 
 TEST_CASE(
-    "faults: train, which signals stop in a controlled way from the first to the last change of a file") {
+    "faults: train; a signal between the first and the last change of a file stops it in a controlled way") {
   REQUIRE(can_trace());
   const TempFolder folder;
   synthesise(folder);
@@ -231,7 +231,7 @@ TEST_CASE("power cuts: reported results remain, and unfinished work can be compl
   attack(folder, "train, power cut", scenario, power_cuts(), 2);
 }
 
-TEST_CASE("other file systems: without case, links, permissions or locks", "[.long]") {
+TEST_CASE("other file systems: without case sensitivity, links, permissions or locks", "[.long]") {
   REQUIRE(LoopDisk::possible());
   const TempFolder folder;
   synthesise(folder);

@@ -20,7 +20,7 @@ class LoopDisk {
   // Returns whether ext4 can be mounted here.
   static bool possible();
 
-  void format();     // mounted and empty
+  void format();     // creates an empty file system and mounts it
   void sync();       // writes everything to the disk
   void cut_power();  // returns a mounted copy, in its state after a power cut
 

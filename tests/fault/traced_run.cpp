@@ -94,7 +94,7 @@ std::vector<sock_filter> filter(unsigned seen) {
   };
   const sock_filter trace = statement(BPF_RET | BPF_K, SECCOMP_RET_TRACE);
   const sock_filter allow = statement(BPF_RET | BPF_K, SECCOMP_RET_ALLOW);
-  const auto argument = [&](int i) {  // its lower half
+  const auto argument = [&](int i) {  // lower half of argument i
     return statement(
         BPF_LD | BPF_W | BPF_ABS,
         static_cast<unsigned>(offsetof(seccomp_data, args) + sizeof(Word) * static_cast<unsigned>(i)));

@@ -34,7 +34,7 @@ enum CallKind : unsigned {
   make_calls = 32,     // mkdir, link, symlink
   resize_calls = 64,   // truncate, ftruncate, fallocate
   close_calls = 128,   // close of files that were open for writing
-  look_calls = 256,    // open for reading, folders too
+  look_calls = 256,    // open for reading, including folders
   read_calls = 512,    // read, pread, readv
   lock_calls = 1024,   // flock
   change_calls = 127,  // all calls that change the content of the disk, and sync

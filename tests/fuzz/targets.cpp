@@ -385,7 +385,7 @@ std::vector<std::string> seed_file_kind() {
     const std::vector<std::byte> file = zip.finish();
     seeds.push_back('\2' + std::string(reinterpret_cast<const char*>(file.data()), file.size()));
   }
-  write_spz(folder() / "s.spz", few_splats(0));  // behind gzip
+  write_spz(folder() / "s.spz", few_splats(0));  // compressed with gzip
   seeds.push_back('\3' + get(folder() / "s.spz"));
   return seeds;
 }

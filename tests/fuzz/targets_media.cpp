@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fuzz targets for pixels: files that OpenCV, TurboJPEG and libpng decode, and masks, up to the image
-// that training uses.
+// The fuzz targets for images, videos and masks. They decode files with OpenCV, TurboJPEG and libpng, and
+// process them up to the image that training uses.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -15,7 +15,7 @@
 namespace ubs::fuzz {
 namespace {
 
-// Decoders print messages about each input to stderr.
+// Redirects stderr to /dev/null, because decoders print messages about each input.
 class Quiet {
  public:
   Quiet() : before_(dup(2)) {
@@ -35,7 +35,7 @@ class Quiet {
 
 constexpr int kMaxPixels = 1 << 20;  // larger images are valid, but slow
 
-// Returns an image with many different values as PNG, JPEG and so on, or nothing if OpenCV has no encoder.
+// Adds an image with many different values as PNG, JPEG and so on, unless OpenCV has no encoder for it.
 void add_encoded(std::vector<std::string>& seeds, const char* extension, int type) {
   cv::Mat image(6, 5, type);
   for (int y = 0; y < image.rows; ++y)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registers and scratch memory of the OpenCL kernels on AMD cards: clang's amdgcn with ROCm's device libraries."""
+"""Checks registers and scratch memory of the OpenCL kernels on AMD cards, compiled by clang for amdgcn with ROCm's
+device libraries."""
 
 import re
 

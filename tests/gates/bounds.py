@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The most that a kernel may have, by target: what was observed on 2026-11-21 (docs/results) and a little more, so that
-another minor version of a compiler passes. Lower them with what gets better. Scratch, stack and spills that are not
-named must be 0: those of a rasteriser never have a row here.
+"""Contains upper bounds of the figures of each kernel, by target. A bound is slightly larger than the value that was
+observed on 2026-11-21 (docs/results), so that another minor version of a compiler passes. If a figure improves, lower
+its bound. Scratch, stack and spills without a bound must be 0. Those of a rasteriser never get a bound.
 
-    vgpr, registers  of a work-item              scratch, stack, private  bytes of memory a work-item (Xe: a thread)
-    spill            AMD: registers, else bytes  instructions             of the whole kernel
-    visit            instructions of the loop that one pixel and one splat go through
-    narrow           loads and stores of one word or less in global memory"""
+    vgpr, registers          registers per work-item
+    scratch, stack, private  bytes of memory per work-item (Xe: per thread)
+    spill                    AMD: spilled registers; other targets: bytes
+    instructions             instructions of the whole kernel
+    visit                    instructions of the loop that processes one splat at one pixel
+    narrow                   loads and stores of one word or less in global memory"""
 
 BOUNDS = {
     # clang 15.0.6, ROCm's device libraries 5.2.3
@@ -47,12 +49,12 @@ BOUNDS = {
     },
     # nvcc and ptxas 13.0
     "cuda_sm_90": {
-        # For three splats.
+        # One pass of the loop of raster_gpu_forward processes three splats.
         "raster_gpu_forward": {"registers": 60, "visit": 144, "narrow": 52},
         "raster_gpu_backward": {"registers": 48, "visit": 136, "narrow": 13},
         "measure_weights": {"registers": 36, "visit": 136, "narrow": 20},
         "sum_slots_scalar": {"registers": 36, "instructions": 420, "narrow": 34},
-        # 2026-11-28
+        # Observed on 2026-11-28.
         "loss_window": {"registers": 52, "instructions": 1340, "narrow": 20},
         "loss_window, masked": {"registers": 52, "instructions": 1440, "narrow": 28},
         "loss_gradient": {"registers": 44, "instructions": 690, "narrow": 48},

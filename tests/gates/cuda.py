@@ -16,8 +16,8 @@ ARCHITECTURES = [75, 80, 86, 90, 120]
 
 
 def unlike_transmittances(nvcc, nvdisasm, scratch):
-    """Architectures where the two rasterisers do not compute the transmittance behind a splat with the same instructions:
-    there the gradient would be that of another image."""
+    """Returns the architectures on which the two rasterisers do not compute the transmittance behind a splat with the
+    same instructions. There, the gradient would be that of another image."""
     root, bad = gate.KERNELS.parent, []
     for architecture in ARCHITECTURES:
         binary = f"{scratch}/raster.cubin"
@@ -58,7 +58,7 @@ def main():
                 resources = sass.resources(log)
                 for mangled, code in sass.functions(gate.run([nvdisasm, "-c", binary])).items():
                     kernel = next((k for k in sorted(kernels, key=len, reverse=True) if f"{len(k)}{k}" in mangled), None)
-                    if kernel:  # the loss also with a mask, in a namespace of that name
+                    if kernel:  # the masked variant of the loss is in a namespace of that name
                         kernel += ", masked" if "6masked" in mangled else ""
                         table.add(kernel, {**resources[mangled], **sass.counts(code)}, n)
         unlike = unlike_transmittances(nvcc, nvdisasm, scratch)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Functions that the gates of offline compilers share: tools, programs, bounds and the verdict (tests/gates/README.md).
 
-A gate prints a table and ends with 0, with 1 where a figure is above its bound, or with 77 (skipped) where a tool
-is missing. UBS_GATES=all: every program and N = 3, 6, 7 instead of one of each kind and N = 6.
+A gate prints a table. It exits with 0, with 1 if a figure exceeds its bound, or with 77 (skipped) if a tool is
+missing. By default, a gate checks one program of each kind with N = 6. With UBS_GATES=all, it checks every program with
+N = 3, 6, 7.
 """
 
 import argparse
@@ -95,7 +96,7 @@ class Table:
 
     def __init__(self, target):
         self.target, self.bounds, self.seen, self.bad = target, BOUNDS[target], set(), []
-        print(f"\n{target}: figures, in brackets the most that is allowed (tests/gates/bounds.py)")
+        print(f"\n{target}: figures, with their upper bounds in brackets (tests/gates/bounds.py)")
 
     def add(self, kernel, figures, n=None):
         name = kernel if n in (None, 6) else f"{kernel}, N = {n}"
@@ -106,13 +107,13 @@ class Table:
             most = bounds.get(what, 0 if what in self.MUST_BE_ZERO and n in (None, 6) else None)
             cells.append(f"{what} {value}" + ("" if most is None else f" ({most})"))
             if most is not None and value > most:
-                self.bad.append(f"{self.target}, {name}: {what} is {value}, at most {most} is allowed")
+                self.bad.append(f"{self.target}, {name}: {what} is {value}, but at most {most} is allowed")
         print(f"  {name:<28}" + ", ".join(cells))
 
     def verdict(self):
         """Returns whether all figures are within their bounds, and no figure with a bound is missing."""
         missing = [k for k in self.bounds if k not in self.seen and (ALL or ", N = " not in k)]
-        self.bad += [f"{self.target}: bounds.py has '{k}', which was not compiled" for k in missing]
+        self.bad += [f"{self.target}: bounds.py contains '{k}', but this kernel was not compiled" for k in missing]
         for line in self.bad:
             print("FAILED:", line)
         return not self.bad

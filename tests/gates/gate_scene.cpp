@@ -2,9 +2,10 @@
 // Runs every OpenCL stage on a scene of two tiles, which is small enough for a simulator
 // (tests/gates/README.md):
 //   gate_scene cpu|gpu [FOLDER]
-// cpu: with the kernels and the vectors that the host takes for a CPU, gpu: with those for a GPU, whatever
-// the device is. With FOLDER the device is taken for one that is not PoCL, and every program goes there as
-// the host gives it to a driver: NAME.cl, and NAME.options with options and kernels, one a line.
+// With `cpu`, it uses the kernels and the vector width that the host selects for CPUs, and with `gpu` those
+// for GPUs, independently of the device. With FOLDER, the device is treated as one that is not from PoCL, and
+// every program is written to this folder as the host passes it to a driver: NAME.cl contains the source, and
+// NAME.options contains the options and the kernels, one per line.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -45,7 +46,7 @@ std::unique_ptr<Device> open_first(bool gpu, bool export_programs) {
   return std::make_unique<opencl::OpenclDevice>(platforms[0], device, info);
 }
 
-// Some splats are dead, so that there is something to relocate.
+// Returns an initial model in which some splats are dead, so that relocation has an effect.
 SplatModel initial(const SplatModel& from) {
   SplatModel model = from;
   const int opacity = model.layout().opacity;
@@ -57,8 +58,9 @@ void require(bool holds, const char* what) {
   if (!holds) fail(ErrorKind::internal, "gate_scene: {}", what);
 }
 
-// Lists are built without waiting, and the gradients of two views are added, one of them with a mask. Splats
-// are relocated, added and displaced by noise, and all parameters are penalised.
+// Trains a model and returns the loss. Lists are built without waiting for their size, and the gradients of
+// two views are added, one of them with a mask. Splats are relocated, added and displaced by noise, and all
+// parameters are penalised.
 double train(Device& device, bench::BenchScene scene, const std::string& raster) {
   View& masked = scene.views.views[1];
   masked.image.mask.assign(kWidth * kHeight, 1);
@@ -89,7 +91,7 @@ double train(Device& device, bench::BenchScene scene, const std::string& raster)
   return loss;
 }
 
-// Renders with lists whose size is waited for, and with depth.
+// Renders with depth, and waits for the size of the lists. Returns the largest weight of a splat.
 float largest_weight(Device& device, const bench::BenchScene& scene, RasterKind raster) {
   const DeviceGroups groups(device, MixedModel(scene.model), {.raster = raster, .depth = true});
   Renderer renderer(device, groups.stages());

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spills and vector widths of the OpenCL kernels on Intel's Xe (DG2, the Arc cards): ocloc of intel-opencl-icd."""
+"""Checks spills and vector widths of the OpenCL kernels on Intel's Xe (DG2, the Arc cards), compiled by ocloc of
+intel-opencl-icd."""
 
 import os
 import re
@@ -35,7 +36,7 @@ def main():
         for program in gate.programs(args.programs):
             for n in gate.dims(program):
                 options = program.options_with(UBS_SUBGROUPS=1, UBS_N=n)
-                if "project_backward" in program.kernels:  # as host/opencl/projection.cpp on a card of this kind
+                if "project_backward" in program.kernels:  # as host/opencl/projection.cpp does for a card of this kind
                     options = [*options, "-cl-intel-256-GRF-per-thread"]
                 if "-DUBS_SUBGROUPS=1" in options:
                     options = [o for o in options if not o.startswith("-cl-std")] + ["-cl-std=CL3.0"]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Registers, stack and instructions of the OpenCL kernels on NVIDIA cards: clang's nvptx with libclc, then ptxas.
+"""Checks registers, stack and instructions of the OpenCL kernels on NVIDIA cards, compiled by clang for nvptx with
+libclc, and then by ptxas.
 
 NVIDIA's own OpenCL compiler is a different one, so these results only show how much the sources themselves require.
 libclc has no native_* functions for these GPUs. They are replaced by the instructions that NVIDIA documents for

@@ -24,7 +24,7 @@ missing() {
 }
 
 # Oclgrind must detect both kinds of errors in a kernel that contains them.
-check_oclgrind() { # folder, option, what it says, statement
+check_oclgrind() { # folder, option, expected message, statement
   printf '__kernel void wrong(__global int* to) { __local int l[2]; if (get_local_id(0) > 9) l[0] = 1; %s }\n' "$4" \
     >"$1/wrong.cl"
   printf '%s\nwrong\n2 1 1\n2 1 1\n<size=8 fill=0>\n' "$1/wrong.cl" >"$1/wrong.sim"
@@ -32,7 +32,7 @@ check_oclgrind() { # folder, option, what it says, statement
     { echo "FAILED: oclgrind $2 does not detect the error in $4"; exit 1; }
 }
 
-# Functions are not inlined: with -O0, because Oclgrind does not support `freeze`, and otherwise because of
+# Functions are not inlined. With -O0, the reason is that Oclgrind does not support `freeze`. With -O2, the reason is
 # the scopes that inlining creates.
 on_oclgrind() { # option, options of its compiler, command
   local option=$1 compiler=$2
@@ -45,7 +45,7 @@ on_oclgrind() { # option, options of its compiler, command
   oclgrind "$option" --max-errors 100 --log "$folder/log" --build-options "$compiler" "$@"
   if [ -s "$folder/log" ]; then
     cat "$folder/log"
-    echo "FAILED: Oclgrind reports the above"
+    echo "FAILED: Oclgrind reports the errors above"
     exit 1
   fi
 }

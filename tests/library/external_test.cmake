@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Installs the library of the build folder BUILD below WORK, and builds and runs the project of tests/library/external
-# against it: with CMake shared and, with STATIC, static, and with pkg-config.
+# Installs the library of the build folder BUILD into a folder in WORK. Then builds and runs the project in
+# tests/library/external with CMake, using the shared library and, if STATIC is set, the static library. Finally, builds
+# and runs its C program with pkg-config.
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE text ERROR_VARIABLE text)
   message("${text}")
@@ -26,7 +27,7 @@ endforeach()
 
 find_program(pkg_config pkg-config)
 if(NOT pkg_config)
-  message("SKIPPED: no pkg-config: its file is not tested")
+  message("SKIPPED: pkg-config is missing, so ubs.pc is not tested")
   return()
 endif()
 file(GLOB_RECURSE pc ${WORK}/ubs/*/ubs.pc)

@@ -112,7 +112,7 @@ template <typename Action>
 void check_error(ubs_status status, const std::string& part, const Action& action) {
   try {
     action();
-    FAIL("no error, where one with '" << part << "' was expected");
+    FAIL("there was no error, but one with '" << part << "' was expected");
   } catch (const ubs::Exception& error) {
     CHECK(error.status() == status);
     INFO(error.what());
@@ -157,7 +157,7 @@ std::set<std::string> added_variables() {
   std::set<std::string> added;
   for (char** variable = environ; *variable != nullptr; ++variable)
     if (!started.contains(*variable) && std::strncmp(*variable, "UBS_", 4) != 0 &&
-        std::strncmp(*variable, "HWLOC_", 6) != 0)  // PoCL's
+        std::strncmp(*variable, "HWLOC_", 6) != 0)  // set by PoCL
       added.insert(*variable);
   return added;
 }
@@ -219,8 +219,8 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   again.model().save(out / "parts.ply");
   CHECK(content(out / "parts.ply") == expected);
 
-  // Starting from an initial model that is equal to the one that training creates, bit for bit in the unit of
-  // the data.
+  // Trains from a given initial model and from the one that training creates. With the unit of the data, the
+  // two are bit-identical.
   const ubs::Settings in_unit = settings().set("unit", "1");
   const ubs::Model initial = ubs::Model::initial(data, in_unit);
   ubs::Trainer given(device, data, in_unit, &initial), own(device, data, in_unit);
@@ -239,7 +239,7 @@ TEST_CASE("training with the library gives the same bits as with the executable"
   check_error(UBS_ERROR_USAGE, "room for 400", [&] { again.restore(out / "larger.ubs"); });
 }
 
-TEST_CASE("data of arrays equal those of the folder, and gradients and images those of the executable") {
+TEST_CASE("data from arrays equal those from a folder; gradients and images equal those of the executable") {
   const Folder& folder = scene();
   const ubs::Data opened(folder / "data");
   ubs::Data made;
@@ -253,7 +253,7 @@ TEST_CASE("data of arrays equal those of the folder, and gradients and images th
   CHECK(made.view_count("val") == 0);
   CHECK(made.image("test", 1) == opened.image("test", 1));
   ubs::Device device;
-  // Arrays are opaque, but the images of the folder are not.
+  // The images of the arrays are opaque, but those of the folder are not, so the background is black.
   const auto first =
       settings().set("iterations", 20).set("background", "black").set("random_background", "off");
   ubs::Trainer a(device, opened, first), b(device, made, first);
@@ -486,7 +486,7 @@ TEST_CASE("a renderer accepts new values of the parameters") {
   check_error(UBS_ERROR_USAGE, "does not match", [&] { renderer.update(small_model(3)); });
 }
 
-TEST_CASE("a step function may read, stop and throw") {
+TEST_CASE("a step function may read the trainer, stop training and throw") {
   ubs::Device device;
   const ubs::Data data(scene() / "data");
   ubs::Trainer trainer(device, data, settings());
@@ -582,8 +582,8 @@ TEST_CASE("errors describe the problem") {
   check_error(UBS_ERROR_DATA, "no test views", [&] { ubs::Trainer(device, full, settings()).evaluate(); });
   const ubs::Model wrong = small_model(3);
   check_error(UBS_ERROR_USAGE, "3 dimensions", [&] { ubs::Trainer(device, full, settings(), &wrong); });
-  const ubs::Model other_form = small_model(6);  // was interpreted as one of the form of the settings
-  check_error(UBS_ERROR_USAGE, "has the form 'default', but the settings have 'colour sh3'",
+  const ubs::Model other_form = small_model(6);  // must not be used as the variant of the settings
+  check_error(UBS_ERROR_USAGE, "has the variant 'default', but the settings have 'colour sh3'",
               [&] { ubs::Trainer(device, full, settings().set("colour", "sh3"), &other_form); });
   ubs::Trainer trainer(device, full, settings());
   check_error(UBS_ERROR_USAGE, "cannot be changed",

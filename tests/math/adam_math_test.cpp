@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-// The dialect's headers build on one another in this order.
+// Each of these headers needs those before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/layout.h"
 #include "kernels/loss_weights.h"

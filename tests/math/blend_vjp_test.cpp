@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares the VJP of compositing a few splats at a pixel (kernels/math/blend.h) in double precision with
 // central differences. This file is compiled for each spatial kernel (UBS_FALLOFF).
-#ifdef UBS_ALPHA_MIN  // of the build; the kernels have a default
+#ifdef UBS_ALPHA_MIN  // set by the build; otherwise, the kernels have a default
 #define UBS_TEST_NAME(text) text ", beta kernel, alpha_min"
 #elif UBS_FALLOFF == 1
 #define UBS_TEST_NAME(text) text ", Gaussian kernel"
@@ -91,7 +91,7 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
       // The steps of the differences must not cross the rim or the minimum alpha. The minimum is also 1/255
-      // for the Beta kernel here, so that all forms test the same pixels.
+      // for the Beta kernel here, so that all variants test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;

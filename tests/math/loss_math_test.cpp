@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-// The dialect's headers build on one another in this order.
+// Each of these headers needs those before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/loss_weights.h"
 #include "kernels/math/loss.h"
@@ -88,7 +88,7 @@ Images random_images(double low, double high) {
 
 }  // namespace
 
-TEST_CASE("the window's weights are the normalised gaussian of 1.5 pixels", "[loss]") {
+TEST_CASE("the window's weights are a normalised Gaussian with a sigma of 1.5 pixels", "[loss]") {
   const double weights[kSsimTaps] = UBS_SSIM_WEIGHTS;
   double sum = 0;
   for (int k = -5; k <= 5; ++k) sum += std::exp(-k * k / (2 * 1.5 * 1.5));
@@ -97,7 +97,7 @@ TEST_CASE("the window's weights are the normalised gaussian of 1.5 pixels", "[lo
   CHECK(weights[5] == Approx(0.266011715).epsilon(1e-6));
 }
 
-TEST_CASE("ssim of a window is the textbook formula, for any shift", "[loss]") {
+TEST_CASE("the SSIM of a window agrees with the textbook formula for any shift", "[loss]") {
   const Images images = random_images(-0.2, 1.3);
   for (const double shift : {0.0, 0.5, 1.0})
     for (int y = 0; y < kHeight; y += 2)

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-// The dialect's headers build on one another in this order.
+// Each of these headers needs those before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/limits.h"
 #include "kernels/layout.h"
@@ -26,7 +26,7 @@ double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
 
-TEST_CASE("a source and its copies absorb as much light as the source before", "[mcmc]") {
+TEST_CASE("a source and its copies absorb as much light as the source before the split", "[mcmc]") {
   for (const double raw : {-4.0, -1.0, 0.0, 2.0, 8.0})
     for (const double parts : {2.0, 3.0, 7.0, 20.0}) {
       const double opacity = sigmoid(split_raw_opacity(raw, parts));
@@ -87,7 +87,7 @@ TEST_CASE("noise is Sigma_x times the normals", "[mcmc]") {
   }
 }
 
-TEST_CASE("noise that is not finite is no noise", "[mcmc]") {
+TEST_CASE("noise that is not finite does not move a splat", "[mcmc]") {
   const SpatialFrame huge = spatial_frame({{0, 0, 0}, {1e200, 1, 1}});
   const Vec3 none = noise_displacement(huge, -9.0, {{1, 1, 1}}, 1);
   CHECK((none.e[0] == 0 && none.e[1] == 0 && none.e[2] == 0));

@@ -2,7 +2,7 @@
 // Tests the noise of kernels/math/mcmc.h for the variants of the covariance. This file is compiled once for
 // each. The noise must be Sigma_x times the normals, where Sigma_x is the leading block of a dense L L^T that
 // is computed here.
-// clang-format off: the mathematics need the header in front of them
+// clang-format off: the mathematics need this header before them
 #include "tests/math/shared_math.hpp"
 // clang-format on
 #include <catch2/catch.hpp>

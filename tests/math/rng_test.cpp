@@ -8,7 +8,7 @@
 
 #include "host/base/philox.hpp"
 
-// The dialect's headers build on one another in this order.
+// Each of these headers needs those before it.
 #include "kernels/dialect/dialect.h"
 #include "kernels/layout.h"
 #include "kernels/math/elementary.h"
@@ -27,7 +27,7 @@ void check_words(RandomWords counter, unsigned key0, unsigned key1, RandomWords 
 
 }  // namespace
 
-TEST_CASE("philox gives the published results", "[rng]") {
+TEST_CASE("Philox gives the published results", "[rng]") {
   check_words({0, 0, 0, 0}, 0, 0, {0x6627e8d5u, 0xe169c58du, 0xbc57ac4cu, 0x9b00dbd8u});
   const unsigned ones = 0xffffffffu;
   check_words({ones, ones, ones, ones}, ones, ones, {0x408f276du, 0x41c83b0eu, 0xa20bc7c6u, 0x6d5451fdu});
@@ -35,7 +35,7 @@ TEST_CASE("philox gives the published results", "[rng]") {
               {0xd16cfe09u, 0x94fdccebu, 0x5001e420u, 0x24126ea1u});
 }
 
-TEST_CASE("the kernels' philox is the host's", "[rng]") {
+TEST_CASE("Philox of the kernels gives the same numbers as that of the host", "[rng]") {
   for (unsigned i = 0; i < 1000; ++i) {
     const unsigned a = i * 2654435761u, b = i * 40503u + 17u;
     const RandomWords kernel = philox4x32_10({a, b, a ^ b, i}, b + 1, a + 3);

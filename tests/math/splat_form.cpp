@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Provides the form of the mathematics that the macros of the build select, in double precision, for
-// splat_vjp_test.cpp. UBS_TEST_VARIANT is the name of a variant. This file compiles each function of the
-// kernels once, and contains no tests.
+// Provides the form of the mathematics that the macros of the build select (a variant and N), in double
+// precision, for splat_vjp_test.cpp. UBS_TEST_VARIANT is the name of a variant. This file compiles each
+// function of the kernels once, and contains no tests.
 #include "tests/math/splat_form.hpp"
 
 #include <algorithm>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// An interface to one form of the mathematics of a splat (kernels/math/splat.h) whose types do not depend on
-// the form. splat_form.cpp is compiled once for each form, and the tests in splat_vjp_test.cpp only once.
+// SplatForm is the interface to one form of the mathematics of a splat (kernels/math/splat.h). A form is a
+// variant with one N and one set of gradients. The types of the interface do not depend on the form, so
+// splat_form.cpp is compiled once for each form, and the tests in splat_vjp_test.cpp only once.
 #pragma once
 
 #include <array>
@@ -10,17 +11,18 @@
 
 namespace ubs::test {
 
-// Raw parameters by rows, or their gradients at the same indices; or those of the camera.
+// Raw parameters by rows, or gradients with respect to them at the same indices, or gradients with respect to
+// the camera.
 using SplatValues = std::array<double, 128>;
 
-// Intermediate values. Without the coupled factor, only the scales of the frame.
+// Intermediate values. Forms without the coupled factor only set `scale`, `lifted` and `coupled`.
 struct SplatInside {
   double scale[11];
   bool lifted, coupled;           // of splat_thin
   bool from_factor;               // of splat_state
   double x[8], b[8][11];          // of the slice's input
   double frame[3][3], sum[3][3];  // the frame, and K as a sum
-  double m[3][3], shrink[3][3];   // used for rendering in their place
+  double m[3][3], shrink[3][3];   // used for rendering instead of `frame` and `sum`
 };
 
 struct SplatForm {

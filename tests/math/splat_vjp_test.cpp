@@ -86,10 +86,12 @@ SplatValues random_splat(const Form& form, Generator& g, CameraView& cam, double
 
 enum class Weights { below, one, nearly, mixed };
 
-// Query scales are 3e-4 to 2e-2 of their rows of Lqx (Lq is as small), below and above the minimum. Weights
-// are 1, or smaller by up to UBS_COUPLED_WEIGHT, so that the covariance is computed from its factor (mixed:
-// only for every second row; the others are hardly coupled and have lower weights). A spatial beta is at its
-// clamp. The query is near its mean.
+// Returns a splat whose query scales are small fractions of their rows of Lqx, between 3e-4 and 2e-2. The
+// range includes values below and above the minimum. The entries of Lq are equally small. The weights are 1
+// (`one`), or below 1 by less than UBS_COUPLED_WEIGHT (`nearly`), so that the covariance is computed from its
+// factor, or smaller (`below`). With `mixed`, every second row is like `nearly`, and the other rows are
+// hardly coupled and have lower weights. The spatial beta is close to its clamp, and the query is near its
+// mean.
 SplatValues thin_splat(const Form& form, Generator& g, CameraView& cam, Weights weights) {
   const ubs::ParameterLayout& row = form.row;
   SplatValues raw = random_splat(form, g, cam, 0.2);
@@ -97,7 +99,7 @@ SplatValues thin_splat(const Form& form, Generator& g, CameraView& cam, Weights 
     const auto entry = [&](int k) -> double& { return raw[row.l_triangle + UBS_TRIANGLE(i + 3, k)]; };
     for (int k = 0; k < i; ++k) entry(3 + k) *= 1e-3;
     double ratio = 3e-4 * std::pow(70, uniform(g, 0, 1));
-    if (std::abs(ratio / form.query_scale_least - 1) < 0.05) ratio *= 1.1;  // away from the bend
+    if (std::abs(ratio / form.query_scale_least - 1) < 0.05) ratio *= 1.1;  // not close to the kink
     if (weights == Weights::mixed && i % 2 == 0) {
       ratio = 30;
       for (int k = 0; k < i + 3; ++k) entry(k) *= 0.03;
@@ -130,7 +132,7 @@ Outputs outputs(const SplatImage& s) {
           s.r, s.g, s.b,           s.depth};
 }
 
-// W = -L v_Q L^T of the gradient v_Q = [[w2, w3], [w3, w4]] of the conic.
+// Returns W = -L v_Q L^T for the gradient v_Q = [[w2, w3], [w3, w4]] of the conic.
 EllipseVjp ellipse_gradient(const ConicFactor& l, const Outputs& w) {
   const double a0 = l.l00 * w[2] + l.l01 * w[3], a1 = l.l00 * w[3] + l.l01 * w[4];
   return {-(a0 * l.l00 + a1 * l.l01), -a1 * l.l11, -l.l11 * w[4] * l.l11};
@@ -140,7 +142,7 @@ struct Errors {
   double worst = 0, norm = 0;
 };
 
-// The inputs of the gradient: the parameters of the splat, or the camera.
+// Returns the number of inputs of the gradient: of the parameters of the splat, or of those of the camera.
 int inputs(const Form& form) {
   if (!form.camera_grad) return form.row.count;
   return kCameraGradQuery + form.row.query - (form.has_direction() ? 3 : 0);
@@ -254,20 +256,20 @@ TEST_CASE("the VJP of clamped and of strongly coupled splats agrees with central
   });
 }
 
-TEST_CASE("the factor of a strongly coupled splat is that of its covariance", "[math]") {
+TEST_CASE("the factor of a strongly coupled splat gives its covariance", "[math]") {
   for_each_form([](const Form& form) {
     if (!form.has_factor()) return;
     Generator g(form.n);
     double worst_of_one = 0, worst_below = 0, worst_large = 0;
     int checked = 0, others = 0;
-    for (int i = 0; i < 200; ++i) {  // weights of 1 first, those without the factor last
+    for (int i = 0; i < 200; ++i) {  // starts with weights of 1, and ends with splats without the factor
       CameraView cam = random_camera(g);
       const auto weights = i < 50     ? Weights::one
                            : i >= 150 ? Weights::below
                            : i % 2    ? Weights::nearly
                                       : Weights::mixed;
       const SplatInside factor = form.inside(cam, thin_splat(form, g, cam, weights));
-      if (!factor.from_factor) {  // drawn with the frame and K, to the bit
+      if (!factor.from_factor) {  // rendered with the frame and K, bit for bit
         ++others;
         for (int r = 0; r < 3; ++r)
           for (int c = 0; c < 3; ++c) {
@@ -277,7 +279,7 @@ TEST_CASE("the factor of a strongly coupled splat is that of its covariance", "[
         continue;
       }
       ++checked;
-      double size = 0;  // of K', to which its rounding is proportional
+      double size = 0;  // size of K', to which its rounding is proportional
       for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 3; ++b) size += std::abs(factor.shrink[a][b]);
       double& worst = weights == Weights::one ? worst_of_one : size < 30 ? worst_below : worst_large;

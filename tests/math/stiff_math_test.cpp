@@ -67,14 +67,14 @@ TEST_CASE("the determinant of a needle has no cancellation", "[math]") {
   }
 }
 
-TEST_CASE("the gradient with respect to the stretch of a needle is that of its length", "[math]") {
+TEST_CASE("the gradient with respect to the stretch of a needle equals that of its length", "[math]") {
   const ImageMap t{{{1, 0, 0}, {0, 1, 0}}};
   const double s = std::sin(0.6), c = std::cos(0.6);
   for (const double ratio : {1.0, 1e4, 1e8}) {
     const double s0 = 10 * ratio, s1 = 10;
     const FrameMap m{{{c * s0, -s * s1, 0}, {s * s0, c * s1, 0}, {0, 0, 1e-3}}};
     const Ellipse e = ellipse_on_image(t, m, identity(), 0.3);
-    // W = I: dL = tr(L dB L^T) = d ln det B, of which s0 d/ds0 = 2 s0^2 / (s0^2 + eps).
+    // For W = I, dL = tr(L dB L^T) = d ln det B. Its derivative s0 d/ds0 is 2 s0^2 / (s0^2 + eps).
     const EllipseInputVjp v = ellipse_vjp(t, m, identity(), e, {1, 0, 1}, 0.3, 0);
     CHECK(v.along.e[0] == Approx(2 * s0 * s0 / (s0 * s0 + 0.3)).epsilon(1e-12));
     CHECK(v.along.e[1] == Approx(2 * s1 * s1 / (s1 * s1 + 0.3)).epsilon(1e-12));

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""tools/export_lpips_weights.py without the packages that it reads from: stand-ins for lpips.LPIPS with the
-keys that lpips 0.1 gives (slices of torchvision's `features`, heads behind a dropout, all heads once more in
-`lins`). Checks names, shapes, order of bytes and the form of the file."""
+"""Tests tools/export_lpips_weights.py without the packages from which it reads. Instead of lpips.LPIPS, the test uses
+objects with the same keys as in lpips 0.1: slices of torchvision's `features`, heads after a dropout, and a second copy
+of all heads in `lins`. Checks names, shapes, the order of bytes and the format of the file."""
 import importlib.util
 import json
 import pathlib
@@ -21,7 +21,7 @@ SLICES = {
 
 
 class Value:
-    """The functions of a tensor that the script uses. The values ascend, so that the bytes show their order."""
+    """Replaces a tensor in the script. The values ascend, so that the bytes show their order."""
 
     def __init__(self, shape, first):
         self.shape, self.first, self.type = shape, first, None
@@ -88,7 +88,7 @@ def main():
         script.main()
         for name, (_, expected) in states.items():
             assert read_safetensors(pathlib.Path(folder) / f"lpips_{name}.safetensors") == expected, name
-        assert len(list(pathlib.Path(folder).iterdir())) == len(SLICES), "temporary files stay"
+        assert len(list(pathlib.Path(folder).iterdir())) == len(SLICES), "temporary files remain"
     assert len(states["vgg"][1]) == 2 * 13 + 5
 
 

@@ -27,7 +27,7 @@ using check::Uploaded;
 using oracle::Features;
 using oracle::features;
 
-// Convolutions are computed in the smallest parts.
+// Computes convolutions in the smallest possible parts.
 class SmallMatrices final : public MetricOps {
  public:
   explicit SmallMatrices(MetricOps& ops) : ops_(ops) {}
@@ -128,7 +128,7 @@ TEST_CASE("lpips: small random networks agree with double-precision loops", "[me
   }
 }
 
-TEST_CASE("lpips: memory is predicted", "[metrics]") {
+TEST_CASE("lpips: the used memory is at most the predicted memory, and at least 95 % of it", "[metrics]") {
   for (const auto& device : devices_under_test()) {
     INFO(device->info().name);
     const auto ops = make_metric_ops(*device);
@@ -173,7 +173,7 @@ TEST_CASE("lpips: unsuitable images and weights are rejected", "[metrics]") {
 TEST_CASE("lpips: reference values of the published networks", "[metrics]") {
   UBS_REQUIRE_DATA(folder, "lpips_weights");
   if (!UBS_WITH_OPENCV) {
-    WARN("skipped: this build reads no images");
+    WARN("skipped: this build cannot read images");
     return;
   }
   struct Proof {
@@ -232,7 +232,7 @@ TEST_CASE("ssim: whole windows agree with brute force", "[metrics]") {
 
 namespace {
 
-// Takes a known simulated time for one operation, and no time for the others.
+// Simulates stages in which one operation takes a known time, and the others take no time.
 class SlowAdam final : public Stages {
  public:
   explicit SlowAdam(test::SimulatedTime& time) : time_(time) {}

@@ -57,7 +57,7 @@ template <typename Action>
 void check_usage(const std::string& part, const Action& action) {
   try {
     action();
-    FAIL("no error, where one with '" << part << "' was expected");
+    FAIL("there was no error, but one with '" << part << "' was expected");
   } catch (const Exception& error) {
     CHECK(error.status() == UBS_ERROR_USAGE);
     CHECK(std::string(error.what()).find(part) != std::string::npos);

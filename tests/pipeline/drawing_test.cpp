@@ -66,7 +66,7 @@ TEST_CASE("the work of a view is submitted to GPUs before its lists are counted"
     }
 }
 
-TEST_CASE("a view that is only rendered has no slots, masks and states on cards, and the same image",
+TEST_CASE("on cards, a view without gradients needs no slots, masks and states, and has the same image",
           "[renderer]") {
   const bench::BenchScene scene = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -96,7 +96,7 @@ TEST_CASE("a view that is only rendered has no slots, masks and states on cards,
   }
 }
 
-TEST_CASE("the capacity of uncounted lists is little more than recent views needed", "[renderer]") {
+TEST_CASE("the capacity of uncounted lists is slightly larger than recent views needed", "[renderer]") {
   const bench::BenchScene few = bench::random_start(3, 300, 64, 64),
                           many = bench::random_start(3, 3000, 64, 64);
   for (const auto& device : devices_under_test()) {
@@ -124,7 +124,7 @@ TEST_CASE("the capacity of uncounted lists is little more than recent views need
   }
 }
 
-// Also with any alignment of rows and of the caller's memory.
+// Also tests different alignments of the rows and of the caller's memory.
 TEST_CASE("images equal the planes of the device, pixel by pixel", "[renderer]") {
   for (const auto& device : devices_under_test())
     for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {61, 45}, {160, 3}}) {

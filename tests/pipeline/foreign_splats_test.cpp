@@ -43,7 +43,7 @@ double mean_psnr(Device& device, const LoadedModel& loaded, const Split& split) 
 
 }  // namespace
 
-TEST_CASE("foreign splats: lego of OpenSplat renders as OpenSplat renders it", "[foreign][data]") {
+TEST_CASE("foreign splats: ubs and OpenSplat render the lego scene of OpenSplat alike", "[foreign][data]") {
   UBS_REQUIRE_DATA(files, "foreign_splats");
   UBS_REQUIRE_DATA(data, "lego_200");
   const auto file = files / "opensplat_lego_world.ply";

@@ -22,7 +22,7 @@ namespace {
 constexpr std::array<float, 3> kBackground{0.1f, 0.6f, 0.3f};
 
 // Returns flat, long and round splats with random rotations around the origin. Some of them are opaque, and
-// their harmonics are strong.
+// the coefficients of their harmonics are large.
 std::vector<oracle::FileGaussian> scene() {
   std::vector<oracle::FileGaussian> all(160);
   const CounterRandom random(5, 9);
@@ -96,7 +96,7 @@ double largest_difference(const RenderedView& a, const RenderedView& b) {
 
 }  // namespace
 
-TEST_CASE("foreign splats: a 3DGS file renders as float64 3DGS renders it", "[foreign][exact]") {
+TEST_CASE("foreign splats: a 3DGS file is rendered as in float64", "[foreign][exact]") {
   const TempFolder folder;
   const auto gaussians = scene();
   put_ply(folder / "g.ply", gaussians);

@@ -47,7 +47,7 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
 TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agree with float64",
           "[oracle]") {
   const int width = 61, height = 45;
-  // In addition to the default forms, one whose colours depend on the direction.
+  // Tests the default variant for several N, and a variant whose colours depend on the direction.
   const auto [dim, variant] = GENERATE(table<int, ModelVariant>(
       {{3, {}},
        {6, {}},

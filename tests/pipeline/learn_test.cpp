@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the end of a training step in a single pass (Stages::learn): its results are bit-identical to its
-// three operations one after the other, with and without checks for finite values, with gradients of earlier
-// views, penalties and frozen groups.
+// Tests the end of a training step in a single pass (Stages::learn): its results are bit-identical to those
+// of its three operations one after the other, with and without checks for finite values, with gradients of
+// earlier views, penalties and frozen groups.
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -140,7 +140,7 @@ TEST_CASE("learning in one pass is equivalent to its three operations", "[learn]
                              Form{6, {}, "scale,rgb"}}) {
       if (on_host(*device) && !(form.variant == ModelVariant{} && form.freeze.empty())) continue;
       for (const RasterKind raster : rasters_of(*device)) {
-        // Both rasterisers write the same records, so only one form is tested with both.
+        // Both rasterisers write the same records, so only one variant is tested with both.
         if (raster == RasterKind::gpu && rasters_of(*device).size() > 1 && form.dim != 7 &&
             !test::whole_sweep())
           continue;

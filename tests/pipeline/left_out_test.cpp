@@ -58,8 +58,8 @@ TEST_CASE("rendering builds, allocates and launches nothing that only training n
   CHECK(opencl_of(*drawing).created_kernels() ==
         Names{"project_forward", "count_sums", "count_write", "radix_histogram", "radix_scatter",
               "column_starts", "tile_histogram", "tile_scatter", "raster_cpu_forward"});
-  // The other kernels are not in the programs that were built either, except for one that lists of unknown
-  // length need, and that PoCL does not compile before its launch.
+  // The programs that were built do not contain the other kernels either. The only exception is a kernel for
+  // lists of unknown length, which PoCL does not compile before its launch.
   CHECK(opencl_of(*drawing).compiled_kernels() == Names{"project_forward", "count_sums", "count_write",
                                                         "radix_histogram", "radix_scatter", "column_starts",
                                                         "column_scan", "tile_histogram", "tile_scatter",

@@ -29,7 +29,7 @@ std::vector<double> interleaved(const std::vector<double>& planar, int width, in
 
 // Returns the target, changed so that every value differs from the image by at least 1e-4. |image - target|
 // has a kink at 0, where rounding determines the sign of its gradient. In one case, a value with a difference
-// of 3.3e-8 changed all gradients of the form sh1 by 3e-4 on an H200.
+// of 3.3e-8 changed all gradients of the variant sh1 by 3e-4 on an H200.
 std::vector<double> target_off_the_kink(const oracle::Scene& scene, const oracle::Options& options) {
   constexpr float kLeast = 1e-4f;
   const oracle::Render image = oracle::render(oracle::to_model(scene.model), scene.camera, options);

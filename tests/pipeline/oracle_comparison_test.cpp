@@ -67,7 +67,7 @@ TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
   for_each_case(dims, [](const Case& c) {
     const oracle::Scene scene = oracle::regular_scene(options(c.config.dim, 200, 61, 45));
     const Bounds bounds = kRegular.at(c.config.dim);
-    // CUDA on the CPU, N = 9: 1.2e-5.
+    // Observed with CUDA on the CPU and N = 9: 1.2e-5.
     const double card = c.config.dim == 9 ? 2.3e-5 : bounds.forward;
     compare_forward(c, "regular", scene, by_device(c, bounds.forward, card));
     compare_gradient(c, "regular", scene, bounds.gradient);
@@ -76,7 +76,7 @@ TEST_CASE("regular scenes of every dimension agree with float64", "[oracle]") {
 
 TEST_CASE("the gradient through the view direction agrees with float64", "[oracle]") {
   for_each_case({6, 7}, [](const Case& c) {
-    if (on_host(c.device) && c.config.dim == 6) return;  // included in the other
+    if (on_host(c.device) && c.config.dim == 6) return;  // N = 7 includes this case
     Case with_query = c;
     with_query.config.query_grad = true;
     compare_gradient(with_query, "query_grad", oracle::regular_scene(options(c.config.dim, 150, 48, 40)),
@@ -125,7 +125,7 @@ TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
 TEST_CASE("extreme scenes agree with float64", "[oracle]") {
   for_each_case({3, 6}, [](const Case& c) {
     const int dim = c.config.dim;
-    SECTION("nothing to draw") {
+    SECTION("no splats to render") {
       for (const oracle::Scene& scene : {oracle::empty_scene(options(dim, 0, 33, 20)),
                                          oracle::behind_camera_scene(options(dim, 40, 33, 20))}) {
         compare_forward(c, "nothing", scene, 1e-7);
@@ -137,7 +137,7 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
           c, "one", oracle::single_splat_scene(options(dim, 1, 30, 30)),
           dim == 3 ? 1.5e-5 : 2.8e-4);  // worst observed 7.5e-6, 1.4e-4 (opacity, whose terms cancel)
     }
-    SECTION("a splat over every pixel") {
+    SECTION("a splat that covers every pixel") {
       const oracle::Scene scene = oracle::huge_splat_scene(options(dim, 1, 70, 50));
       compare_forward(c, "huge", scene, 2.3e-7);                       // worst observed 1.2e-7
       compare_gradient(c, "huge", scene, dim == 3 ? 9.2e-7 : 1.6e-5);  // worst observed 4.6e-7, 8.3e-6

@@ -15,7 +15,7 @@
 namespace ubs {
 namespace {
 
-// Ranks of a single thread: messages that one has started are found by the others.
+// Simulates ranks in a single thread: when one rank sends messages, the others find them here.
 class Office {
  public:
   Office(int ranks, bool takes_cards) : takes_cards_(takes_cards), sent_(static_cast<std::size_t>(ranks)) {}
@@ -70,7 +70,7 @@ SplatModel part(const SplatModel& model, const Share& share) {
   return out;
 }
 
-// Returns the gradient of the loss whose derivative with respect to the colours is the image itself.
+// Sets the gradient of a loss whose derivative with respect to the colours is the image itself.
 void differentiate(Device& device, Renderer& renderer) {
   const BufferView<float> image = renderer.image(), v_image = renderer.v_image();
   device.copy(*image.memory, 0, *v_image.memory, 0, image.size * sizeof(float));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests gradient slots that do not fit into a single allocation of the device and are divided into several
 // buffers. Gradients are bit-identical to those with a single buffer, and slots that do not fit at all are
-// rejected with the numbers. The limits are simulated by a device object.
+// rejected with a message that contains the numbers. The limits are simulated by a device object.
 #include <bit>
 #include <catch2/catch.hpp>
 #include <cmath>
@@ -22,7 +22,7 @@ namespace {
 
 constexpr std::uint64_t kSlotBytes = stage_sizes::slot_floats(RasterKind::cpu) * sizeof(float);
 
-// The same device with smaller allocations and, optionally, less memory.
+// Returns the same device with smaller allocations and, optionally, less memory.
 opencl::OpenclDevice limited(const Device& device, std::uint64_t allocation_bytes,
                              std::uint64_t memory_bytes = 0) {
   const auto& opened = dynamic_cast<const opencl::OpenclDevice&>(device);
@@ -104,7 +104,7 @@ std::string refusal(Device& device, const bench::BenchScene& scene) {
   return "not refused";
 }
 
-TEST_CASE("gradient slots that exceed all buffers or the memory are rejected with the numbers", "[slots]") {
+TEST_CASE("gradient slots that exceed all buffers or the memory are rejected with a message", "[slots]") {
   const bench::BenchScene scene = wide_splats();
   for (const auto& device : opencl_devices_under_test()) {
     const std::uint64_t pairs = gradient_of(*device, scene, {.dim = 3}).intersections;

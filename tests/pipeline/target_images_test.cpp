@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests that ground-truth images are transferred correctly to the device: whether they stay there or pass
-// through staging buffers, whether they are uploaded ahead or not, and while earlier readers of the same
-// staging buffer are still in the queue.
+// Tests that ground-truth images are transferred correctly to the device. Some images stay on the device, and
+// others pass through staging buffers. They are uploaded ahead or when they are needed, also while earlier
+// readers of the same staging buffer are still in the queue.
 #include "host/train/target_images.hpp"
 
 #include <catch2/catch.hpp>
@@ -30,7 +30,7 @@ Split images() {
   return split;
 }
 
-TEST_CASE("target images arrive intact", "[training]") {
+TEST_CASE("target images are uploaded without changes", "[training]") {
   const Split split = images();
   for (const auto& device : devices_under_test())
     for (const std::size_t resident : {0, 2, 9})  // images for which there is room

@@ -41,7 +41,7 @@ inline TrainSettings short_run(int dim, int iterations, int splats) {
   return settings;
 }
 
-// Measurements of the test views.
+// An empty split, for trainings that do not measure test views.
 inline const Split kNone{"test", {}};
 
 inline SplatModel start(const TrainSettings& s) {

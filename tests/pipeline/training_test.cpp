@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests training as a whole: it learns, is reproducible bit for bit, and grows to its cap but not beyond.
+// Tests training as a whole: it reaches the expected quality, is reproducible bit for bit, and adds splats up
+// to the cap but not beyond it.
 #include <catch2/catch.hpp>
 
 #include "tests/pipeline/training_runs.hpp"
@@ -17,7 +18,7 @@ using test::short_run;
 using test::synthetic;
 using test::train;
 
-TEST_CASE("training learns the built-in scenes", "[training]") {
+TEST_CASE("training reaches the expected quality on the built-in scenes", "[training]") {
   struct Row {
     const char* scene;
     int dim;
@@ -73,7 +74,7 @@ TEST_CASE("training with a bound of the lists gives the same bits as waiting for
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device))
       for (const int batch : {1, 3}) {
-        // Both have the lists of the last view.
+        // Both rasterisers have the lists of the last view, so one is enough for batches of three views.
         if (batch == 3 && raster == "gpu" && !test::whole_sweep()) continue;
         DYNAMIC_SECTION(device->info().name << ", raster " << raster << ", batch " << batch) {
           TrainSettings settings = short_run(6, 80, 300);

@@ -14,12 +14,12 @@
 namespace ubs {
 namespace {
 
-// Every part of the projection that CUDA compiles differently: both spatial kernels, and all forms of the
-// covariance.
+// These variants cover every part of the projection that CUDA compiles differently: both spatial kernels, and
+// all parameterisations of the covariance.
 constexpr std::string_view kOnHost[] = {"3DGS", "6DGS", "skew_nd whiten sh2 antialias", "direct gaussian"};
 
-// Redundant forms: the other forms contain every value of every switch, and tests/math tests each form
-// separately. These forms are only tested with UBS_TEST_ALL=1.
+// These variants are redundant: the other variants contain every value of every switch, and tests/math tests
+// each variant separately. Therefore, they are only tested with UBS_TEST_ALL=1.
 constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"cholesky", 3},
                                                            {"cholesky", 6},
@@ -35,8 +35,8 @@ constexpr std::pair<std::string_view, int> kElsewhere[] = {{"quaternion", 3},
                                                            {"7DGS", 7},
                                                            {"direct", 4},
                                                            {"direct", 5}};
-// Forms whose rasteriser or colours differ from the previous ones. They are also tested with the second
-// rasteriser.
+// Variants whose rasteriser or colours differ from those of other variants. They are also tested with the
+// second rasteriser.
 constexpr std::string_view kSecondRaster[] = {"DBS", "3DGS", "direct 6DGS"};
 
 // The scene has no spatial betas below 2.4. Their steep rim costs three digits of float32 in all variants
@@ -87,8 +87,8 @@ TEST_CASE("variants agree with float64", "[oracle][variants]") {
     for (const RasterKind raster : rasters_of(*device))
       for (const test::NamedVariant& v : variants_of_all_dims()) {
         if (on_host(*device) && !std::ranges::count(kOnHost, v.name)) continue;
-        // The only variant of the rasteriser is the spatial kernel, so its second kind is tested with a few
-        // forms.
+        // The rasteriser only depends on the spatial kernel of the variant, so the second kind of rasteriser
+        // is tested with a few variants.
         if (rasters_of(*device).size() > 1 && raster == RasterKind::gpu && !test::whole_sweep() &&
             !std::ranges::count(kSecondRaster, v.name))
           continue;

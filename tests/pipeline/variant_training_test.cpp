@@ -12,8 +12,8 @@
 namespace ubs {
 namespace {
 
-// One form for each parameter layout, and each combination whose kernels differ in structure. test_variants
-// compares the results of the others with float64. With UBS_TEST_ALL=1 all are trained.
+// One variant for each parameter layout, and each combination whose kernels differ in structure.
+// test_variants compares the results of the others with float64. With UBS_TEST_ALL=1 all are trained.
 constexpr std::pair<std::string_view, int> kSample[] = {
     {"no query betas", 6}, {"DBS", 3}, {"skew_nd whiten sh2 antialias", 7}, {"direct", 6}, {"direct 6DGS", 6},
     {"3DGS", 3},           {"7DGS", 7}};
@@ -37,7 +37,7 @@ TrainSettings settings_of(const test::NamedVariant& v) {
   return settings;
 }
 
-TEST_CASE("variants learn, with the same bits in two runs", "[training][variants]") {
+TEST_CASE("training of variants decreases the loss, with the same bits in two runs", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 8), moving = test::synthetic("orbit", 32, 8);
   for (const auto& device : devices_under_test())
     for (const test::NamedVariant& v : trained_variants()) {
@@ -55,7 +55,7 @@ TEST_CASE("variants learn, with the same bits in two runs", "[training][variants
     }
 }
 
-TEST_CASE("a model whose form differs from the settings is rejected", "[training][variants]") {
+TEST_CASE("a model whose variant differs from the settings is rejected", "[training][variants]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = test::short_run(6, 10, 100);

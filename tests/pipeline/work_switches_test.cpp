@@ -74,7 +74,7 @@ TEST_CASE("a view skips work without effect", "[work]") {
         REQUIRE(std::ranges::any_of(view.gradient, [](float v) { return v != 0; }));
         const oracle::Render all =
             oracle::render(oracle::to_model(scene.model), scene.camera, {.background = scene.background});
-        // Skipping blocks loses nothing, although most of them are skipped.
+        // The image contains all contributions, although most blocks are skipped.
         double most = 0;
         for (std::size_t i = 0; i < view.alpha.size(); ++i)
           most = std::max(most, std::abs(view.alpha[i] - all.alpha[i]));
@@ -141,7 +141,7 @@ TEST_CASE("the error of alpha_min stays within its bound", "[work]") {
             "alpha_min {:.4f}, opacity + {}: largest error {:.2e}, largest share of the bound {:.2f}\n",
             alpha_min, more_opacity, most, share);
         CHECK(share <= 1);
-        CHECK(share > 0.1);  // a bound that is never approached would test nothing
+        CHECK(share > 0.1);  // otherwise, the bound would be too loose to test anything
         CHECK(std::ranges::any_of(all.closed, [](double s) { return s > 0; }));
       }
 }

@@ -118,9 +118,9 @@ TEST_CASE("converting splats without directional effect to 3-D does not change t
         const std::size_t pixels = interleaved.size() / 3;
         for (std::size_t c = 0; c < 3; ++c)
           for (std::size_t i = 0; i < pixels; ++i) interleaved[3 * i + c] = expected.image[c * pixels + i];
-        CHECK(max_abs_error(image.rgb, interleaved) <= 3.2e-6);  // as variant_test.cpp
+        CHECK(max_abs_error(image.rgb, interleaved) <= 3.2e-6);  // as in variant_test.cpp
 
-        // Compares the gradients of the rows that both forms have with those of the unreduced model in
+        // Compares the gradients of the rows that both models have with those of the unreduced model in
         // float64.
         const oracle::Gradient reference = oracle::gradient(oracle::to_model(scene.model), scene.camera,
                                                             scene.target, {.background = scene.background});
@@ -143,7 +143,7 @@ TEST_CASE("converting splats without directional effect to 3-D does not change t
                   reference.values[static_cast<std::size_t>(old + r) * scene.model.count + turned[i]]);
             }
           INFO("rows from " << old);
-          CHECK(relative_error(actual, wanted) <= 4.8e-6);  // as variant_test.cpp
+          CHECK(relative_error(actual, wanted) <= 4.8e-6);  // as in variant_test.cpp
         }
       }
     }

@@ -78,7 +78,7 @@ TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[
   CHECK(searched["search"].size() == 9);
 }
 
-TEST_CASE("cli: reduce keeps a number of splats, or what fits into a size", "[reduce]") {
+TEST_CASE("cli: reduce keeps a given number of splats, or as many as fit into a given size", "[reduce]") {
   const TempFolder folder;
   put_scene(folder / "data", 32, 8, 3, "orbit");
   ubs_ok(folder,
@@ -97,7 +97,7 @@ TEST_CASE("cli: reduce keeps a number of splats, or what fits into a size", "[re
     CHECK(size <= 1e6 * megabytes);
     CHECK(size > 1e6 * megabytes - 1000);  // a splat has at most 176 bytes
   }
-  // The splats that contribute most stay.
+  // The splats that contribute most are kept.
   const auto psnr = [&](const std::string& options) {
     return json::parse(ubs_ok(folder, "reduce run data --out x.ply --json --quiet --overwrite " + options)
                            .out)["train"]["after"]["psnr"]

@@ -75,7 +75,7 @@ struct ChangeOfViews {
   std::size_t beyond = 0;          // values that change by more than their bound
 };
 
-// The change of the views, and its bound for each pixel.
+// Returns the largest change of the views, its largest bound, and how many values exceed their bound.
 //
 // Let T_j be the light that remains in front of splat j at a pixel, a_j its alpha, c_j its colour, and B_j
 // the colour of everything behind it. Removing j changes the pixel by T_j a_j (B_j - c_j). If splats are

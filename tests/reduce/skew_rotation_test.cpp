@@ -42,8 +42,8 @@ TEST_CASE("skew rotation: covariances are reproduced, or the reported error is c
       worst_exact = std::max(worst_exact, difference);
     }
   }
-  // As stated in method.md 2.1, 9 % of ellipsoids whose log scales have a standard deviation of 1 have no
-  // such form, with an error of at most 0.55.
+  // As stated in method.md 2.1, these parameters cannot represent 9 % of the ellipsoids whose log scales have
+  // a standard deviation of 1. The error is at most 0.55.
   CHECK(inexact > kCount * 0.03);
   CHECK(inexact < kCount * 0.14);
   CHECK(worst < 1.1);

@@ -29,8 +29,8 @@ struct GaussianImage {
       knife_edge;  // (height, width): a value is within 1e-3 of a threshold, so single precision may differ
 };
 
-// Real harmonic number k = l l + l + m from the complex one: sqrt 2 |Y_lm| cos(m phi) or sin(|m| phi), with
-// the Condon-Shortley phase that std::sph_legendre has as 3DGS does.
+// Returns the real harmonic with the number k = l l + l + m, computed from the complex one as sqrt 2 |Y_lm|
+// cos(m phi) or sin(|m| phi). 3DGS uses the Condon-Shortley phase, which std::sph_legendre includes.
 inline double real_harmonic(int k, double theta, double phi) {
   const int l = static_cast<int>(std::sqrt(k)), m = k - l * l - l;
   const double y = std::sph_legendre(static_cast<unsigned>(l), static_cast<unsigned>(std::abs(m)), theta);

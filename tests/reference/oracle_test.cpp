@@ -106,7 +106,7 @@ double max_difference(const Matrix<double>& a, const Matrix<double>& b) {
 
 }  // namespace
 
-TEST_CASE("the rows of the oracle are those of the program", "[oracle]") {
+TEST_CASE("the parameter rows of the oracle equal those of the program", "[oracle]") {
   for (int dim = 3; dim <= 11; ++dim) {
     const Rows rows(dim);
     const ParameterLayout layout(dim);
@@ -302,7 +302,7 @@ TEST_CASE("without coupling and at the query mean, all N reduce to 3 (checklist 
   }
 }
 
-TEST_CASE("conditioning weight has no slope from b = 0 upwards", "[oracle]") {
+TEST_CASE("the derivative of the conditioning weight is 0 from b = 0 upwards", "[oracle]") {
   const Scene scene = regular_scene({20, 6, 4, 32, 24});
   const Rows rows(6);
   const auto beta_gradient = [&](double b) {
@@ -328,7 +328,7 @@ TEST_CASE("log-space query factor and its floor (checklist 5)", "[oracle]") {
     CHECK(log_query_factor(std::sqrt(u)) == Approx(floor).epsilon(1e-15));
   CHECK(std::exp(4 * std::exp(-5.0) * floor) == Approx(0.65).epsilon(0.01));
 
-  Tape tape;  // floored: no slope in y, but the exponent still sees ln eps
+  Tape tape;  // at the floor, the slope in y is 0, and the slope in beta is ln eps
   const Var y = Var::input(tape, 3.0), beta = Var::input(tape, 0.5);
   tape.seed((beta * log_query_factor(y)).node(), 1.0);
   tape.reverse();
@@ -338,7 +338,7 @@ TEST_CASE("log-space query factor and its floor (checklist 5)", "[oracle]") {
 
 TEST_CASE("early stop and background (checklist 6)", "[oracle]") {
   Scene scene = opaque_stack_scene({24, 6, 2, 18, 14});
-  for (std::size_t i = 0; i < scene.model.count; ++i)  // kernels smooth at the rim, for the differences below
+  for (std::size_t i = 0; i < scene.model.count; ++i)  // kernels become smooth at the rim for the differences
     scene.model.values[7 * scene.model.count + i] = -0.2f;
   const Model model = to_model(scene.model);
   Options options = options_of(scene);
@@ -420,7 +420,7 @@ TEST_CASE("the projection is linearised at no more than 1.3 half fields of view"
   CHECK(slopes(0.9, 0.9)[1] == Approx(high_y).epsilon(1e-14));
 }
 
-TEST_CASE("culls: near, far, indefinite, non-finite", "[oracle]") {
+TEST_CASE("splats are culled if they are near, far, indefinite or not finite", "[oracle]") {
   const Scene scene = single_splat_scene({1, 6, 1, 16, 12});
   const Model model = to_model(scene.model);
   Options options = options_of(scene);
@@ -440,7 +440,7 @@ TEST_CASE("culls: near, far, indefinite, non-finite", "[oracle]") {
   }
 }
 
-TEST_CASE("the projected covariance takes the upper triangle of an asymmetric V", "[oracle]") {
+TEST_CASE("the projected covariance uses the upper triangle of an asymmetric V", "[oracle]") {
   const Scene scene = regular_scene({40, 7, 11, 32, 24});
   const Model model = to_model(scene.model);
   const Rows rows(7);
@@ -455,7 +455,7 @@ TEST_CASE("the projected covariance takes the upper triangle of an asymmetric V"
   CHECK(asymmetry > 1e-4);
 }
 
-TEST_CASE("a saturated alpha has no gradient, but its colour has", "[oracle]") {
+TEST_CASE("a saturated alpha has no gradient, but the colour of its splat has one", "[oracle]") {
   Tape tape;
   Footprint<Var> f;
   f.opacity = Var::input(tape, 0.99995), f.beta = Var::input(tape, 0.1);
@@ -466,7 +466,7 @@ TEST_CASE("a saturated alpha has no gradient, but its colour has", "[oracle]") {
   CHECK(splat_alpha<Var>(f, Var::input(tape, 0.5)).node() != Tape::kConstant);
 }
 
-TEST_CASE("the rim of a flat kernel has the guarded slope", "[oracle]") {
+TEST_CASE("the slope at the rim of a flat kernel is limited", "[oracle]") {
   for (double rest : {1e-2, 1e-5, 1e-9, 1e-15}) {
     Tape tape;
     const Var r = Var::input(tape, 1 - rest), beta = Var::input(tape, 0.2);
@@ -566,7 +566,7 @@ TEST_CASE("the kernel approaches a Gaussian of a third of its support (checklist
   CHECK(worst == Approx(0.0433).epsilon(0.005));
 }
 
-TEST_CASE("permuting the splats changes nothing", "[oracle]") {
+TEST_CASE("permuting the splats does not change the image", "[oracle]") {
   const Scene scene = regular_scene({50, 7, 6, 33, 21});
   const Model model = to_model(scene.model);
   Model reversed = model;

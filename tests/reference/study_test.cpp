@@ -53,7 +53,7 @@ TEST_CASE("a query scale is raised to a fraction of its row, and a row of zeros 
   const Footprint<double> least = footprint<double>(one.model.values, one.rows, one.camera, one.options);
   CHECK(lifted.mean[0] == Approx(least.mean[0]).epsilon(1e-12));
   CHECK(lifted.opacity == Approx(least.opacity).epsilon(1e-12));
-  CHECK(least.guards.kink);  // the derivative is that of either side
+  CHECK(least.guards.kink);  // the derivative may be that of either side
   for (const int q : {3, 4}) {
     one.at(one.rows.scale + q) = -200;
     one.at(one.rows.triangle + q * (q - 1) / 2) = 0;
@@ -181,7 +181,7 @@ TEST_CASE("nearly equal depths make the order of splats undecided, equal depths 
   CHECK(undecided(0.1) == 0);
 }
 
-TEST_CASE("neighbours differ by about the rounding of the inputs", "[oracle][study]") {
+TEST_CASE("images of neighbours differ by about the rounding of the inputs", "[oracle][study]") {
   const Scene scene = regular_scene({.count = 40, .dim = 6, .seed = 3, .width = 24, .height = 18});
   const std::vector<double> weights(3 * 24 * 18, 1.0);
   const Study s = study(to_model(scene.model), scene.camera, weights, {.background = scene.background}, {});

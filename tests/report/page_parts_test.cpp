@@ -105,7 +105,7 @@ TEST_CASE("histogram: shares, edges and values outside", "[report]") {
     }
 }
 
-TEST_CASE("page picture: data URIs contain the pixels", "[report]") {
+TEST_CASE("page image: data URIs contain the pixels", "[report]") {
   const auto encoded = [](const std::string& text) {
     return base64({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   };
@@ -134,7 +134,7 @@ TEST_CASE("page picture: data URIs contain the pixels", "[report]") {
   CHECK((decoded(photograph).cols == 300 && decoded(photograph).rows == 150));
 }
 
-TEST_CASE("page picture: error, depth and alpha", "[report]") {
+TEST_CASE("page image: error, depth and alpha", "[report]") {
   const auto flat = [](std::uint8_t v) { return Image8{2, 1, {v, v, v, v, v, v}}; };
   const auto sum = [](const Image8& image, std::size_t pixel) {
     return image.rgb[3 * pixel] + image.rgb[3 * pixel + 1] + image.rgb[3 * pixel + 2];

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages of `ubs report` in a real browser: report_page_test.py UBS.
+"""Tests pages of `ubs report` in a real browser: report_page_test.py UBS.
 
-Exits with 77 where there is no Chromium. UBS_CHROMIUM names another browser of its family."""
+Exits with 77 if Chromium is not installed. UBS_CHROMIUM selects another browser that is based on Chromium."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ def opened(page, path, width):
     until(page, "[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
     assert page.complaints == [], page.complaints
     assert page.run("document.documentElement.scrollWidth <= innerWidth"), "the page is wider than the window"
-    # Every chart has drawn lines, which are no shade of grey.
+    # Every chart contains lines. Their colours are not shades of grey.
     drawn = """[...document.querySelectorAll('.plot canvas')].map((canvas) => {
         const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
         let coloured = 0;
@@ -109,7 +109,7 @@ def two_runs(page, folder, run, other):
     assert len([text for text in texts(page, ".blank") if text == "ground truth as above"]) == 2
 
 
-# A run on smaller pictures has another PSNR, which is neither better nor worse.
+# The PSNR of a run with smaller images is different, but is marked neither better nor worse.
 def two_sizes(page, folder, run, half):
     ubs("report", run, half, "--views", 1, "--no-viewer", "--out", folder / "sizes.html")
     opened(page, folder / "sizes.html", 1200)

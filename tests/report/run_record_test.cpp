@@ -29,7 +29,7 @@ std::vector<std::string> names(const std::vector<SplatQuantity>& all) {
 
 }  // namespace
 
-TEST_CASE("run record: logs of any state", "[report]") {
+TEST_CASE("run record: logs that are truncated, old or invalid", "[report]") {
   std::vector<std::string> remarks;
   const Json log = parse_log(
       "iteration,seconds,loss,splats,test_psnr,test_ssim\n10,0.5,0.25,100,,\n20,1.5,,120,21.5,0.9\n30,2.",
@@ -57,7 +57,7 @@ TEST_CASE("run record: logs of any state", "[report]") {
   CHECK(parse_log("", "log.csv", remarks) == Json::object());
 
   const Json again = parse_log("iteration,loss\n10,1\n20,2\n30,3\n20,4\n", "log.csv", remarks);
-  CHECK(again["iteration"] == Json{10.0, 20.0});  // went back from 30 to 10
+  CHECK(again["iteration"] == Json{10.0, 20.0});  // the log went back from iteration 30 to 10
   CHECK(again["loss"] == Json{1.0, 4.0});
 }
 
@@ -99,7 +99,7 @@ TEST_CASE("run record: folders", "[report]") {
   CHECK_THAT(message_of([&] { read_run(folder / "old"); }), Contains("metrics.json: malformed JSON"));
 }
 
-TEST_CASE("splat values: activated, according to the form of the model", "[report]") {
+TEST_CASE("splat values are activated according to the variant of the model", "[report]") {
   SplatModel model(7, 2);
   const ParameterLayout l = model.layout();
   model.row(l.opacity)[0] = -800;  // no overflow in between
@@ -139,7 +139,7 @@ TEST_CASE("splat values: activated, according to the form of the model", "[repor
   CHECK(named(splat_quantities(mixed), "direction scale")->values.size() == 6);
 }
 
-TEST_CASE("run drawings: saved pictures and spacing", "[report]") {
+TEST_CASE("run images: saved images and their spacing", "[report]") {
   CHECK(evenly_spaced(8, 3) == std::vector<std::size_t>{0, 2, 5});
   CHECK(evenly_spaced(2, 5) == std::vector<std::size_t>{0, 1});
   CHECK(evenly_spaced(0, 5).empty());
@@ -184,7 +184,7 @@ TEST_CASE("circling camera: looks at the centre of the model from outside", "[re
   // azimuths are tested.
   CHECK(middle[2] == Approx(2.692).epsilon(0.006));
   CHECK(camera.time == 0.5);
-  CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // up is up: y points down
+  CHECK(to_camera({10, -5, 1})[1] < middle[1]);  // a higher point is above: y points down
   const auto& r = camera.rotation;
   const double determinant = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
                              r[2] * (r[3] * r[7] - r[4] * r[6]);

@@ -34,7 +34,7 @@ TEST_CASE("work-groups of cores run once each") {
         runs.zero();
         for (int launch = 0; launch < 3; ++launch) {
           core_groups.launch(kernel, groups, runs.view());
-          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // has not run and has no effect
+          CHECK_THROWS_AS(core_groups.launch(kernel, groups), Error);  // the kernel is not run
         }
         CHECK(runs.download() == std::vector<std::uint32_t>(runs.size(), 3));
       }

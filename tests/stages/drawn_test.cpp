@@ -12,7 +12,7 @@ namespace ubs {
 namespace {
 
 constexpr std::size_t kStride = kSplatStride;
-constexpr std::size_t kSpare = kSplatReach + 1;  // values of a record that nothing else uses
+constexpr std::size_t kSpare = kSplatReach + 1;  // values of a record that have no other use
 
 using test::uploaded;
 
@@ -43,10 +43,10 @@ Splats splats(std::uint32_t count, unsigned every) {
   return s;
 }
 
-TEST_CASE("drawn splats: records, values for lists, and gradients") {
+TEST_CASE("visible splats: records, values for lists, and gradients") {
   test::for_each_stages([](Device& device, Stages& stages) {
     for (const auto& [count, every] : {std::pair{0u, 1u}, {1u, 1u}, {64u, 0u}, {777u, 3u}, {70000u, 2u}}) {
-      INFO(count << " splats, one of " << every << " drawn");
+      INFO(count << " splats, one of " << every << " visible");
       const Splats s = splats(count, every);
       const Buffer<float> records = uploaded(device, s.records), gradients = uploaded(device, s.gradients);
       const Buffer<std::uint32_t> rects = uploaded(device, s.rects), tiles = uploaded(device, s.tiles);

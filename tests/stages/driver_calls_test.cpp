@@ -428,9 +428,9 @@ struct OtherExchange {
   std::optional<test::Variable> source;
 };
 
-// Drivers that claim to have an exchange, for which the functions of exchange.h are emulated in local memory,
-// correctly or incorrectly. Other drivers have none, or their sub-groups do not consist of whole rows of 16
-// lanes.
+// Simulates drivers that report lane exchange. Its functions in exchange.h are emulated in local memory,
+// correctly or incorrectly. Also simulates drivers without lane exchange, and drivers whose sub-groups do not
+// consist of whole rows of 16 lanes.
 TEST_CASE("a lane exchange that does not work is replaced by local memory, with a warning", "[device]") {
   if (opencl_devices_under_test().empty()) return;  // with CUDA on the host
   const oracle::Scene scene =

@@ -103,8 +103,8 @@ void require_bounded(Device& device, Stages& stages, const Splats& splats, std::
   REQUIRE(found == std::array{counted.totals.visible, counted.totals.intersections});
   require_equal("tile_counts", counts, fits ? splats.counts : none.counts);
   require_equal("tile_ranges", ranges, expected.ranges);
-  // The list is followed by values that sorting up to the bound left there. Nothing is written beyond the
-  // bound.
+  // After the list, there are values that sorting up to the bound has written. No values are written beyond
+  // the bound.
   for (auto [what, buffer, list] :
        {std::tuple{"sorted_ids", &ids, &expected.ids}, {"sorted_slots", &slots, &expected.slots}}) {
     Words rest = buffer->download();
@@ -254,7 +254,7 @@ TEST_CASE("Totals of intersections beyond 32 bits are exact", "[lists]") {
 }
 
 TEST_CASE("Tile lists of the same splats are reproducible", "[lists]") {
-  // Scratch left over from a larger scene must not show.
+  // Scratch data of a larger scene must not affect the result.
   on_all_stages([](Device& device, Stages& stages) {
     ListRandom random;
     const Splats small = random_splats(random, 3000, 100, 100, 0.9f, 2);

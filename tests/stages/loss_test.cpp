@@ -178,7 +178,7 @@ LossResult run(Device& device, Stages& stages, const Images& images, const RunOp
 }
 
 struct Tolerance {
-  double l1, ssim, mse, gradient;  // that of the gradient is relative to its largest element
+  double l1, ssim, mse, gradient;  // `gradient` is relative to the largest element
 };
 // Bounds: twice the largest errors observed on PoCL with both kinds of kernels, which are 8.4e-9, 1.4e-7 and
 // 2.5e-9, and 1.8e-5 for the gradient at 33 x 50.
@@ -305,7 +305,8 @@ TEST_CASE("image loss is reproducible, also after other image sizes", "[loss][de
     CHECK(first.gradient == second.gradient);
     CHECK(gradient_error(small, run(device, stages, small, {}).gradient, evaluate(small, 0.2), 1) <
           kSimilar.gradient);
-    // The same maps with margins at other positions: wider and lower, narrower and higher.
+    // Other image sizes place the margins at other positions of the same maps: wide and low, or narrow and
+    // high.
     for (const auto& [width, height] : {std::pair{300, 40}, {20, 300}, {300, 40}}) {
       const Images other = similar_images(width, height);
       CHECK(gradient_error(other, run(device, stages, other, {}).gradient, evaluate(other, 0.2), 1) <

@@ -92,7 +92,7 @@ TEST_CASE("relocation moves dead splats to living ones and splits the opacity", 
   });
 }
 
-TEST_CASE("relocation with nothing dead or nothing alive changes nothing", "[mcmc][device]") {
+TEST_CASE("relocation without dead or without living splats does not change the model", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     for (const float raw : {1.0f, kDead, -std::numeric_limits<float>::infinity()}) {
       const Model model(100, 100, raw);
@@ -157,7 +157,7 @@ TEST_CASE("growth writes the new slots and nothing beyond them", "[mcmc][device]
   });
 }
 
-TEST_CASE("growth respects capacity and its edges", "[mcmc][device]") {
+TEST_CASE("growth respects the capacity, rejects empty models and accepts invalid splats", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     const Model model(60, 64, 0.0f);
     OnDevice on(device, model);
@@ -167,7 +167,7 @@ TEST_CASE("growth respects capacity and its edges", "[mcmc][device]") {
     CHECK_THROWS_AS(on.grow(stages, 65), Error);
     OnDevice none(device, Model(0, 64, 0.0f));
     CHECK_THROWS_AS(none.grow(stages, 10), Error);
-    // There is nothing to sample from, so sources are chosen uniformly, and the opacity becomes the minimum.
+    // All sampling weights are 0, so sources are chosen uniformly, and the opacity becomes the minimum.
     const Model invalid(60, 64, kNan);
     OnDevice poisoned(device, invalid);
     poisoned.grow(stages, 64);
@@ -203,7 +203,7 @@ TEST_CASE("sources are sampled in proportion to opacity", "[mcmc][device]") {
   });
 }
 
-TEST_CASE("relocation and growth repeat bit for bit and follow the seed", "[mcmc][device]") {
+TEST_CASE("relocation and growth are reproducible bit for bit, and depend on the seed", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(3000, 3100, 0.3f);
     for (std::uint32_t i = 0; i < model.count; i += 4) model.at(kOpacityRow, i) = kDead;
@@ -222,7 +222,7 @@ TEST_CASE("relocation and growth repeat bit for bit and follow the seed", "[mcmc
   });
 }
 
-TEST_CASE("noise is Sigma_x times gated normals of the counter", "[mcmc][device]") {
+TEST_CASE("noise is Sigma_x times the gated normals that the counter determines", "[mcmc][device]") {
   for_each_stages([](Device& device, Stages& stages) {
     Model model(777, 777, 0.0f);
     std::mt19937 random(9);

@@ -84,7 +84,7 @@ Picture picture(int width, int height) {
   return p;
 }
 
-// Rows of two cameras, of which the second belongs to the image.
+// Returns the rows of two cameras. The second camera is that of the image.
 std::vector<float> camera_rows(const Camera& camera) {
   std::vector<float> rows(2 * kCameraStride, 1e30f);
   float* const row = rows.data() + kCameraStride;

@@ -4,9 +4,9 @@
 
 OpenCL allows errors of about 3 ulp in divisions and roots. CPUs round both correctly, so ordinary tests do not show
 what such a device computes. disturb() writes a copy of kernels/ in which every floating-point quotient, root and
-reciprocal is moved by up to 3 ulp; a hash of the bits of the operands decides how far. If requested, it also moves
-the results of exp, log, sin and cos. With this copy, the check and the stress rows must pass, and the errors must be
-larger than with the original kernels. `disturbed_test.py --write OUT [name=value ...]` only writes the copy.
+reciprocal is moved by up to 3 ulp; a hash of the bits of the operands determines by how much. If requested, it also
+moves the results of exp, log, sin and cos. With this copy, the check and the stress rows must pass, and the errors must
+be larger than with the original kernels. `disturbed_test.py --write OUT [name=value ...]` only writes the copy.
 """
 import json
 import os

@@ -28,9 +28,9 @@ double norm(std::span<const double> values) {
   return std::sqrt(sum);
 }
 
-// The relative difference. It is 0 if the difference is not larger than `least`. The floors, which say how
-// far half an ulp of the inputs moves a value, are computed with least = 0: if they were cut off like the
-// errors, a gradient of 1e-17 would be allowed no error at all.
+// Returns the relative difference, or 0 if the difference is not larger than `least`. The floors, which state
+// how far half an ulp of the inputs moves a value, are computed with least = 0. Otherwise, a floor could
+// become 0, and a gradient of 1e-17 would not be allowed any error.
 double relative(double difference, double size, double least) {
   if (!(difference > least)) return std::isnan(difference) ? std::numeric_limits<double>::infinity() : 0;
   return difference / std::max(size, kNothing);
@@ -131,7 +131,7 @@ std::string touched_when_culled(const Case& c, const oracle::Study& study, const
   return "";
 }
 
-// Checks what must hold for every case, independently of its numbers.
+// Checks the properties that must hold for every case, independently of its numbers.
 void check_promises(const Case& c, const Expectation& expected, const DeviceResult& actual, Verdict& v) {
   const bool image = all_finite(actual.image) && all_finite(actual.alpha);
   const bool gradient = all_finite(actual.gradient.values);

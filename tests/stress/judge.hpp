@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // examine() compares the result of a device for a case with the float64 oracle (host/lab/oracle/study.hpp).
-// It checks what must hold for every case, and measures the errors and the errors that are allowed.
+// It checks the properties that must hold for every case, and measures the errors and the allowed errors.
 #pragma once
 
 #include <limits>
@@ -24,8 +24,8 @@ inline constexpr double kConditioning = 32;
 
 // float64: the errors are within the promise. inputs: they are larger, but rounding of the inputs explains
 // them. known: a stated limit of the formulas explains them (known_limits.hpp). undecided: rounding decides
-// nearly everywhere, or the numbers exceed single precision, so only what must always hold was checked.
-// failed: everything else.
+// nearly everywhere, or the numbers exceed single precision, so only the properties of every case were
+// checked. failed: everything else.
 enum class Outcome { float64, inputs, known, undecided, failed };
 inline constexpr std::size_t kOutcomes = 5;
 std::string_view to_string(Outcome outcome);

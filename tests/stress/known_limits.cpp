@@ -21,7 +21,7 @@ double allowed(double rounding, const KnownLimit& limit) {
 const std::vector<KnownLimit>& known_limits() {
   static const std::vector<KnownLimit> kLimits{
       // Magnitude of the terms of the ellipse in the image / its determinant. It is large for needles, discs
-      // that are seen from the side, and splats far beside the axis.
+      // that are seen from the side, and splats far from the axis.
       {"cancelling conic", [](const oracle::Study& s) { return s.amplification; }, 360, 2e-4},
       // Magnitude of the parts of the gradient through the mean, the ellipse and the rest / magnitude of
       // their sum. It is large for splats that cover the image from far outside.

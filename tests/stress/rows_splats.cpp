@@ -272,7 +272,7 @@ TEST_CASE_METHOD(Row, "rim and tiles: r = 1 at a pixel centre, means on tile edg
   }
 }
 
-TEST_CASE_METHOD(Row, "a splat with a parameter beyond all reason is not drawn and has no gradient",
+TEST_CASE_METHOD(Row, "a splat with an extreme or invalid parameter is not rendered and has no gradient",
                  "[splat]") {
   const Case good = row_case("range", 6, 3);
   REQUIRE(runner().run(good, {}).totals.visible == 3);

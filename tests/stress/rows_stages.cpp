@@ -204,7 +204,7 @@ TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies 
   one[500] = 20;
   check_relocation(*this, "999 copies of one opaque splat", one, 999);
   check_relocation(*this, "NaN is dead", {1.0f, NAN, 2.0f, -inf}, 2);
-  check_relocation(*this, "nothing but NaN", {NAN, NAN}, 0);
+  check_relocation(*this, "only NaN", {NAN, NAN}, 0);
 
   // The opacity o' of a source and its n copies satisfies (1 - o')^(n + 1) = 1 - o, down to the minimum of
   // 0.005.
@@ -221,7 +221,7 @@ TEST_CASE_METHOD(Row, "relocation: all dead, all alive, opaque, NaN, 999 copies 
   }
 }
 
-TEST_CASE_METHOD(Row, "growth: from one splat, opaque ones, beside NaN", "[stage]") {
+TEST_CASE_METHOD(Row, "growth: from one splat, from opaque splats, with NaN among them", "[stage]") {
   const float inf = std::numeric_limits<float>::infinity();
   for (const auto& [what, opacities] : {std::pair<std::string, std::vector<float>>{"one", {3.0f}},
                                         {"opaque", {inf, 100.0f}},

@@ -24,7 +24,7 @@ int run_stress(int argc, char** argv) {
               Opt(options.raster, "KIND")["--raster"]("rasteriser and lists: auto, cpu or gpu [auto]") |
               Opt(options.seed, "S")["--seed"]("seed of the random cases [1]") |
               Opt(options.first, "K")["--first"]("number of the first random case [0]") |
-              Opt(options.cases, "N")["--cases"]("how many random cases [3000]"));
+              Opt(options.cases, "N")["--cases"]("number of random cases [3000]"));
   if (session.applyCommandLine(argc, argv) != 0) return exit_code(ErrorKind::usage);
   const auto& chosen = session.configData();
   if (chosen.showHelp || chosen.listTests || chosen.listTags || chosen.listReporters) {

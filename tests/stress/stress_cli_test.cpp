@@ -26,7 +26,7 @@ TEST_CASE("stress: one row and some random cases, with their outcomes", "[cli][s
                                               Contains(" 45 float64,") && Contains("random cases"));
 }
 
-TEST_CASE("stress: a failing random case ends with 9 and says how to repeat it", "[cli][stress]") {
+TEST_CASE("stress: a failing random case gives exit code 9 and the command to repeat it", "[cli][stress]") {
   const TempFolder folder;
   const Result result =
       run_stress(folder, "--device opencl --seed 7 --first 30 --cases 2 'random cases on a faulty device'");

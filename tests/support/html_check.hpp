@@ -92,7 +92,7 @@ class HtmlReader {
     if (take("<!DOCTYPE html>")) return;
     if (take("</")) {
       const std::string name = word();
-      if (open_.empty() || open_.back() != name) return fail("</" + name + "> closes nothing");
+      if (open_.empty() || open_.back() != name) return fail("</" + name + "> is misplaced");
       open_.pop_back();
       if (!take(">")) fail("> is missing");
       return;
@@ -107,7 +107,7 @@ class HtmlReader {
       if (end == std::string::npos) return fail("a quote is not closed");
       const std::string value = page_.substr(at_, end - at_);
       if (value.size() < 5000) check_text(value);
-      if (!element.attributes.emplace(key, value).second) return fail("an attribute twice");
+      if (!element.attributes.emplace(key, value).second) return fail("an attribute appears twice");
       at_ = end + 1;
     }
     if (!take(">")) return fail("> is missing");
@@ -119,7 +119,7 @@ class HtmlReader {
     if (closed) return;
     if (name == "script" || name == "style") {
       at_ = std::min(page_.find("</", at_), page_.size());
-      if (!take("</" + name + ">")) fail(name + " is not closed, or holds </");
+      if (!take("</" + name + ">")) fail(name + " is not closed, or contains </");
       return;
     }
     open_.push_back(name);
@@ -133,7 +133,8 @@ class HtmlReader {
 
 inline HtmlCheck check_html(const std::string& page) { return HtmlReader(page).read(); }
 
-// Returns the bytes of a data URI that has one of `types` ("image/png"). Returns nothing for any other text.
+// Returns the bytes of a data URI that has one of `types` ("image/png"). For any other text, the result is
+// empty.
 inline std::vector<std::uint8_t> data_uri_bytes(const std::string& uri, const std::set<std::string>& types) {
   const std::size_t comma = uri.find(";base64,");
   if (!uri.starts_with("data:") || comma == std::string::npos || !types.contains(uri.substr(5, comma - 5)))

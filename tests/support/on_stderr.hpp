@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// on_stderr() returns the text that is written to file descriptor 2 while an action runs. C libraries print
-// there too.
+// on_stderr() returns the text that is written to file descriptor 2 while an action runs. This includes the
+// text that C libraries print to stderr.
 #pragma once
 
 #include <fcntl.h>

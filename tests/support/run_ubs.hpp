@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// run_ubs() runs `ubs` and `ubs-lab` as a user does: as processes in a folder, which are checked by exit code
-// and output. `arguments` start with the subcommand, which determines the program.
+// run_ubs() starts `ubs` or `ubs-lab` as a user does, as a process in a folder, and returns the exit code and
+// the output. `arguments` start with the subcommand, which determines the program.
 #pragma once
 
 #include <sys/wait.h>

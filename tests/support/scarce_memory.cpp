@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This library, loaded with LD_PRELOAD, makes one allocation of C++ fail: with UBS_SCARCE_MEMORY=BYTES,N the
-// N-th one of exactly so many bytes throws std::bad_alloc.
+// This library is loaded with LD_PRELOAD and makes one C++ allocation fail. With UBS_SCARCE_MEMORY=BYTES,N,
+// the N-th allocation of exactly BYTES bytes throws std::bad_alloc.
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>

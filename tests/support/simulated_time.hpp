@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SimulatedTime is a clock that stands still until the test advances it.
+// SimulatedTime is a clock whose time only changes when the test advances it.
 #pragma once
 
 #include "host/base/time_source.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file creates random splats in the form of third-party files, and computes the difference of two sets
-// of splats.
+// This file creates random splats with the parameters of third-party files, and computes the difference of
+// two sets of splats.
 #pragma once
 
 #include <catch2/catch.hpp>

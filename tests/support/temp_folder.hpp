@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TempFolder is a folder inside the temporary folder of the system, which is deleted with the object. The
-// file also contains short functions to write files and to check an error message.
+// TempFolder creates a folder inside the temporary folder of the system, and deletes the new folder when the
+// object is destroyed. This file also contains short functions to write files and to check an error message.
 #pragma once
 
 #include <unistd.h>

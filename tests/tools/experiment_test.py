@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""tools/experiment.py: experiment_test.py UBS [NAME ...]. Most tests use a stand-in for `ubs train`, and the last ones
-run real trainings of a small scene."""
+"""Tests tools/experiment.py: experiment_test.py UBS [NAME ...]. Most tests use a stand-in for `ubs train`, and the last
+ones run real trainings of a small scene."""
 import importlib.util
 import json
 import os
@@ -39,8 +39,9 @@ scenes:
   cube:
   sphere: {title: the sphere, folders: [ball, kugel], settings: {cap_max: 2000}}
 """
-# Settings are those of the real executable. "train --data D --out O ...", or --resume O, notes its start and does what
-# D/behaviour says. "eval --model M --data D --out E ..." counts and fails likewise. Images are 160 pixels wide.
+# This stand-in for `ubs` takes the settings from the real executable. "train --data D --out O ..." (or --resume O)
+# records its start in a file, and then behaves as the file D/behaviour states. "eval --model M --data D --out E ..."
+# also records its start, and fails if the file D/broken exists. Images are 160 pixels wide.
 STAND_IN = """#!/bin/sh
 here=$(dirname "$0")
 if [ "$1" = --version ] || [ "$2" = --print-settings ]; then exec %s "$@"; fi
@@ -96,7 +97,7 @@ def put(path, text):
 def wait_for(condition, seconds=300):
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, "the condition was not met in time"
         time.sleep(0.02)
 
 
@@ -124,7 +125,7 @@ class Case(unittest.TestCase):
         return result
 
     def refused(self, code, *arguments):
-        """Returns the only line of an error."""
+        """Runs the script, which must fail with this exit code, and returns the only line of its error message."""
         result = self.run_script(*arguments, code=code)
         self.assertRegex(result.stderr, r"\Aexperiment\.py: error: [^\n]+\n\Z")
         return result.stderr
@@ -134,7 +135,7 @@ class Case(unittest.TestCase):
         return path.read_text().splitlines() if path.exists() else []
 
     def plan(self, *arguments, spec="e.yaml"):
-        """Returns the runs by name."""
+        """Returns a dictionary from the names of the runs to the runs."""
         experiment.ask.cache_clear()
         options = experiment.parse([str(self.folder / spec), "--root", str(self.folder / "root"), "--ubs", self.ubs,
                                     "--out", "out", *arguments])
@@ -167,12 +168,13 @@ class DataSpecs(Case):
                 self.assertEqual({run.published["iterations"] for run in runs.values()}, {30000})
                 self.assertTrue(all(run.paper for run in runs.values()))
         self.assertEqual((len(sets), len(paths), of_paper), (9, 8, 5))
-        # 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
+        # Numbers of published scenes and averages: 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
         self.assertEqual(published, 43 + 27 + 24 + 6 + 7)
 
     def test_printed_averages_are_those_of_the_printed_scenes(self):
-        # This detects a typing error in either of them. The printed numbers have two or three digits, so they may
-        # differ by about one unit: at most 0.0117 dB (7DGS-PBR). Printed times, FPS, counts and sizes are not averaged
+        # This detects typing errors in the averages and in the values of the scenes. The printed numbers have two or
+        # three digits, so a printed average may differ from the computed one by about one unit of the last digit. The
+        # largest difference is 0.0117 dB (7DGS-PBR). Printed times, FPS, counts and sizes are not averaged
         # consistently.
         averages = 0
         for name in ("main_table", "capacity", "n3v"):
@@ -257,8 +259,8 @@ class BadFiles(Case):
         self.assertIn(where + "toys: cube: needs a value, or null, for each of the columns of 'published' (psnr, ssim)",
                       published("toys: {cube: [30]}"))
         self.assertIn(where + "toys: cube[1]: 'nan' is not allowed", published("toys: {cube: [30, nan]}"))
-        self.assertIn(where + "toys: cone: is no scene", published("toys: {cone: [30, 1]}"))
-        self.assertIn(where + "tools: average: is no scene", published("tools: {average: [30, 1]}"))
+        self.assertIn(where + "toys: cone: is not a scene", published("toys: {cone: [30, 1]}"))
+        self.assertIn(where + "tools: average: is not a scene", published("tools: {average: [30, 1]}"))
 
     def test_data_sets(self):
         def message(old, new):
@@ -320,9 +322,9 @@ class Plan(Case):
         self.assertEqual(list(runs), [f"{row}/{place}" for row in "ab" for place in
                                       ("toys/cube", "toys/sphere", "cars/cube")])
         self.assertEqual(runs["a/toys/cube"].data, self.folder / "root/toys/cube")
-        # A different name, directly below the root.
+        # This folder has another name of the scene and is directly below the root.
         self.assertEqual(runs["a/toys/sphere"].data, self.folder / "root/kugel")
-        self.assertIsNone(runs["a/cars/cube"].data)  # root/cube may be that of either set
+        self.assertIsNone(runs["a/cars/cube"].data)  # root/cube may belong to either set
         self.assertIn("root/cars/cube", runs["a/cars/cube"].reason)
         self.assertEqual([run.settings["batch"] for run in runs.values()], [3, 3, 2, 4, 4, 4])
         self.assertEqual({run.settings["seed"] for run in runs.values()}, {7})
@@ -405,7 +407,7 @@ class Run(Case):
         again = self.table("--resume", "--set", "iterations=401")
         self.assertEqual(again["runs"][0]["record"]["identity"]["settings"]["iterations"], 401)
         self.assertEqual(self.starts(), 4)
-        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # which has no effect
+        self.table("--resume", "--set", "iterations=401", "--set", "log_every=7")  # log_every has no effect
         self.assertEqual(self.starts(), 4)
         self.table("--overwrite")
         self.assertEqual(self.starts(), 6)

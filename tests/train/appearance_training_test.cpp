@@ -22,7 +22,7 @@ void expose(Image8& image, double stops) {
   }
 }
 
-// Exposures from -1 to 1 in equal steps, in a random order.
+// Changes the exposures of the views to values from -1 to 1 in equal steps, in a random order.
 void bracket(Split& split) {
   const std::size_t count = split.views.size();
   for (std::size_t i = 0; i < count; ++i)
@@ -30,13 +30,13 @@ void bracket(Split& split) {
            -1 + 2 * static_cast<double>(7 * i % count) / static_cast<double>(count - 1));
 }
 
-TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", "[appearance]") {
+TEST_CASE("appearance: exposures that differ by up to one stop hardly reduce the quality", "[appearance]") {
   const test::Data plain = test::synthetic("glossy", 48, 24);
   test::Data uneven = plain;
   bracket(uneven.train);
   for (const auto& device : test::devices_under_test()) {
-    // Learning rates of a short run (data_specs/fast.yaml). N = 3, because with N = 6 splats learn the
-    // exposure of their views.
+    // The learning rates are those of a short run (data_specs/fast.yaml). N is 3, because with N = 6 splats
+    // learn the exposure of their views.
     TrainSettings settings = test::short_run(3, 1500, 1500);
     settings.lr_cooldown = 0.15;
     settings.lr_xyz_final = 4e-5;
@@ -52,14 +52,15 @@ TEST_CASE("appearance: exposures of one stop up and down cost next to nothing", 
       INFO(static_cast<int>(settings.appearance)
            << ": " << best << " even, " << without << " without, " << with.mean.psnr << " with, fitted "
            << with.mean.fitted->psnr);
-      // Gains alone can reproduce neither the response curve of the camera nor its saturation: 0.5 dB.
+      // Gains alone can reproduce neither the response curve of the camera nor its saturation. This costs
+      // 0.5 dB.
       CHECK(with.mean.psnr > best - (affine ? 0.3 : 0.7));
       CHECK(with.mean.fitted->psnr > best - (affine ? 0.1 : 0.4));
     }
   }
 }
 
-TEST_CASE("appearance: the views of a wide image share the numbers of their image", "[appearance]") {
+TEST_CASE("appearance: the views of a wide image share one set of parameters", "[appearance]") {
   test::Data data = test::synthetic("glossy", 32, 6);
   for (const std::size_t i : {1, 2, 4}) data.train.views[i].part_of = "wide";
   const std::vector<std::vector<std::uint32_t>> images = views_by_image(data.train.views);
@@ -76,7 +77,7 @@ TEST_CASE("appearance: the views of a wide image share the numbers of their imag
   }
 }
 
-TEST_CASE("appearance: the fit finds the map of an image, and keeps what the image does not determine",
+TEST_CASE("appearance: the fit finds the colour map of an image, and leaves undetermined parameters at 0",
           "[appearance]") {
   RenderedView view{64, 8, {}, {}, {}};
   PhotographPixels photograph{std::vector<std::uint8_t>(3 * 512), std::vector<std::uint8_t>(512, 1)};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests refined cameras: moves and gauge, fitting a pose to a known model, training with inaccurate poses,
-// and the files that a run writes.
+// Tests refined cameras: corrections of a pose, removal of the common similarity transform (gauge), fitting a
+// pose to a known model, training with inaccurate poses, and the files that a run writes.
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -51,14 +51,14 @@ void perturb(Split& split, double turn, double shift) {
   }
 }
 
-TEST_CASE("rotations of a camera keep the pivot, and hold_gauge() removes a common similarity", "[cameras]") {
+TEST_CASE("rotations of a camera keep the pivot, and a common similarity is removed", "[cameras]") {
   const Camera camera = oracle::ring_camera({.dim = 6}, 2);
   for (const Vec3& w : {Vec3{0.3, -0.2, 0.7}, Vec3{1e-8, 2e-8, 0}, Vec3{0, 3, 0}}) {
     const Vec3 back = turn_of(rotation_by(w));
     CHECK(length(back - w) < 1e-7);
   }
-  // The point at depth 2.5 on the axis stays in the centre of the image. Translations move it by the same
-  // amount.
+  // Rotations keep the point at depth 2.5 on the axis in the centre of the image. Translations move this
+  // point by the same amount.
   const CameraMove move{0.1, -0.2, 0.3, 0.01, 0.02, -0.03, 0.1, 0.2, 0.05, -0.04};
   const Camera next = moved(camera, move, 2.5);
   const CameraMove between = pose_move(camera, next, 2.5);
@@ -75,7 +75,7 @@ TEST_CASE("rotations of a camera keep the pivot, and hold_gauge() removes a comm
   std::vector<Camera> given, seen;
   for (int i = 0; i < 6; ++i) given.push_back(oracle::ring_camera({.dim = 6}, i));
   const RotationMatrix turn = rotation_by({0.02, -0.03, 0.01});
-  for (Camera c : given) {  // for the world rotated, scaled by 1.1 and translated
+  for (Camera c : given) {  // of the world after rotation, scaling by 1.1 and translation
     Vec3 centre{};
     RotationMatrix r{};
     const Vec3 from = c.centre();

@@ -71,8 +71,8 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
       const Rows expected = run_to(whole, 60);
       const TrainState end = whole.state();
       REQUIRE(end.model.count == 700);
-      // Before and after refinements (4, 6, ... every second iteration), at and between rows of the log, in
-      // the middle of an epoch of 7 views, and before the first iteration.
+      // The run is interrupted before and after refinements (4, 6, ... every second iteration), at and
+      // between rows of the log, in the middle of an epoch of 7 views, and before the first iteration.
       for (const int cut : batch == 1 ? std::vector<int>{0, 1, 3, 4, 5, 7, 20, 59} : std::vector<int>{9}) {
         INFO(device->info().name << ", batch " << batch << ", cut at " << cut);
         Trainer first(*device, settings, data.train, kNone, start(settings));
@@ -111,7 +111,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
   }
 }
 
-TEST_CASE("checkpoint: states are passed when they are due, and a failed write keeps the previous one",
+TEST_CASE("checkpoint: states are passed at the set intervals, and a failed write keeps the previous one",
           "[checkpoint]") {
   const Data data = synthetic("glossy", 16, 3);
   const TempFolder folder;
@@ -121,7 +121,7 @@ TEST_CASE("checkpoint: states are passed when they are due, and a failed write k
     std::vector<int> saved;
     trainer.on_state({20, 0, [&](const TrainState& state) { saved.push_back(state.iteration); }});
     run_to(trainer, 60);
-    CHECK(saved == std::vector<int>{20, 40});  // not at the last iteration, when the model is written
+    CHECK(saved == std::vector<int>{20, 40});  // not at the last iteration, at which the model is written
     saved.clear();
     Trainer timed(*device, settings, data.train, kNone, start(settings));
     timed.on_state({0, 1e-9, [&](const TrainState& state) { saved.push_back(state.iteration); }});
@@ -136,7 +136,7 @@ TEST_CASE("checkpoint: states are passed when they are due, and a failed write k
     rlimit limit{};
     getrlimit(RLIMIT_FSIZE, &limit);
     const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-    const rlimit small{10'000, limit.rlim_max};  // like on a full disk, writing stops somewhere
+    const rlimit small{10'000, limit.rlim_max};  // as on a full disk, writing fails after some bytes
     setrlimit(RLIMIT_FSIZE, &small);
     const std::string message = message_of([&] { write_checkpoint(path, c); });
     setrlimit(RLIMIT_FSIZE, &limit);

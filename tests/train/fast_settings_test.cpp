@@ -92,7 +92,7 @@ TEST_CASE("fast settings: values chosen by the user are kept") {
   CHECK(free.refine.step > given.refine.step);
 }
 
-TEST_CASE("fast settings: default rates of the direct form fall earlier in dynamic scenes", "[schedule]") {
+TEST_CASE("fast settings: with direct conditioning, rates of dynamic scenes fall earlier", "[schedule]") {
   const auto share = [](int dim, double chosen, Conditioning conditioning = Conditioning::direct) {
     TrainSettings settings = fast_settings();
     settings.dim = dim;

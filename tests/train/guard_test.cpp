@@ -80,7 +80,7 @@ TEST_CASE("guard: if all values are finite, results are bit-identical", "[guard]
     }
 }
 
-TEST_CASE("guard: stop names splat, iteration and stage", "[guard]") {
+TEST_CASE("guard: with stop, the error message states splat, iteration and stage", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   struct Row {
     int row;
@@ -104,7 +104,8 @@ TEST_CASE("guard: stop names splat, iteration and stage", "[guard]") {
     }
 }
 
-// With LenientKernels: finite parameters whose gradient is not finite, because SSIM squares colours of 1e38.
+// Gives a splat finite parameters whose gradient is not finite, because SSIM squares colours of 1e38.
+// Requires LenientKernels.
 void make_glaring(Device& device, Trainer& trainer, const Camera& camera, std::uint32_t splat) {
   const std::array<double, 3> centre = camera.centre();
   for (int c = 0; c < 3; ++c)
@@ -197,7 +198,7 @@ TEST_CASE("guard: the first stage whose output is not finite is named, on each r
     }
 }
 
-TEST_CASE("guard: drop kills the splat and continues to a finite model", "[guard]") {
+TEST_CASE("guard: with drop, the splat is removed and training continues to a finite model", "[guard]") {
   const Data data = synthetic("glossy", 32, 6);
   for (const auto& device : devices_under_test()) {
     TrainSettings settings = guarded(OnNan::drop);
@@ -214,7 +215,7 @@ TEST_CASE("guard: drop kills the splat and continues to a finite model", "[guard
     CHECK(result.end.iteration == kIterations);
     CHECK(is_finite(result.end));
 
-    // More splats than can be accidental.
+    // If too many splats are not finite, the training ends, because this cannot be an accident.
     Trainer worse(*device, settings, data.train, kNone, start(settings));
     const Run stopped = run(worse, [&](int iteration) {
       if (iteration == 20)
@@ -224,7 +225,7 @@ TEST_CASE("guard: drop kills the splat and continues to a finite model", "[guard
   }
 }
 
-// Otherwise, a run that goes back a few iterations would refine the cameras twice.
+// If cameras were refined before this check, a run that goes back a few iterations would refine them twice.
 TEST_CASE("guard: cameras are only refined after earlier iterations have been checked", "[guard]") {
   const Data data = synthetic("glossy", 64, 4);
   for (const auto& device : devices_under_test()) {
@@ -283,7 +284,7 @@ TEST_CASE("guard: rollback continues from the last state, skips the view once, a
     CHECK(is_finite(result.end));
     CHECK(states >= 3);
 
-    Trainer again(*device, settings, data.train, kNone, start(settings));  // gives NaN whenever it is used
+    Trainer again(*device, settings, data.train, kNone, start(settings));  // gets a NaN after each rollback
     const Run stopped = run(again, [&](int iteration) {
       if (iteration == 25) poison(*device, again, 0, 3, kNan);
     });
@@ -304,7 +305,7 @@ TEST_CASE("guard: overflowing moments are detected, also in a batch", "[guard]")
       state.moment2[17 * state.model.count + 200] = kInf;
       trainer.restore(state);
     });
-    // It is unknown which of the three views caused it, so the message contains none.
+    // It is unknown which of the three views caused the overflow, so the message does not name a view.
     CHECK(test::contains(result.message, "not finite at iteration 11, stage adam, splat 200"));
   }
 }

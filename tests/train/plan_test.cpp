@@ -22,7 +22,7 @@ using test::short_run;
 using test::start;
 using test::synthetic;
 
-// As in method.md 4.3: 244 refinements, and the numbers of splats of the paper.
+// method.md 4.3 states 244 refinements and the numbers of splats of the paper.
 TEST_CASE("schedule: the published one, and one with a tenth of its length", "[plan]") {
   TrainSettings settings;
   settings.cap_max = 10'000'000;
@@ -41,13 +41,14 @@ TEST_CASE("schedule: the published one, and one with a tenth of its length", "[p
     return schedule.learning_rates(layout, iteration)[static_cast<std::size_t>(layout.xyz)];
   };
   CHECK(position_rate(published, 30'000) == Approx(2 * 1.6e-6));
-  // 6 / steps of an image, between 0.02 and 0.1, and a hundredth of it at the end.
+  // The rate is 6 divided by the number of steps per image, but at least 0.02 and at most 0.1. At the end it
+  // is a hundredth of this value.
   CHECK(published.appearance_rate(0, 100) == Approx(0.02));
   CHECK(published.appearance_rate(0, 250) == Approx(0.05));
   CHECK(published.appearance_rate(0, 5'000) == Approx(0.1));
   CHECK(published.appearance_rate(30'000, 250) == Approx(0.0005));
-  // The learning rate of constant terms of harmonics and lobes is that of colours. The other harmonics have a
-  // twentieth of it.
+  // The learning rate of lobes and of the constant terms of harmonics is that of colours. The other harmonics
+  // have a twentieth of this rate.
   TrainSettings colours = settings;
   colours.lr_rgb = 0.004;
   for (const ColourMode mode : {ColourMode::sh2, ColourMode::sb2}) {
@@ -93,7 +94,7 @@ TEST_CASE("plan: the number of splats follows from the settings", "[plan]") {
   }
 }
 
-TEST_CASE("plan: intersections and memory of a scene that does not change are those of its training",
+TEST_CASE("plan: if a scene does not change, its planned intersections and memory equal those of training",
           "[plan]") {
   for (const auto& device : devices_under_test())
     for (const std::string& raster : raster_names_of(*device)) {

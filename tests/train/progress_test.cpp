@@ -30,7 +30,7 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
     });
     INFO(each << " s a step\n" << text);
     const auto lines = std::count(text.begin(), text.end(), '\n');
-    // Updates come every 10 iterations. A line is due 10 s after the last one.
+    // There is an update every 10 iterations. The next line is due 10 s after the last one.
     const double between = std::max(10 * each, std::ceil(10 / (10 * each)) * 10 * each);
     CHECK(lines == static_cast<long>(1000 * each / between + 1e-9));
     CHECK(text.find('\r') == std::string::npos);
@@ -38,7 +38,7 @@ TEST_CASE("progress: outside of a terminal there is a line every ten seconds", "
   }
 }
 
-TEST_CASE("progress: the remaining time is that of the run, or follows from its rate", "[time]") {
+TEST_CASE("progress: the remaining time is reported by the run, or computed from its rate", "[time]") {
   test::SimulatedTime time;
   const std::string text = test::on_stderr([&] {
     tools::Progress progress(1000, false, time);

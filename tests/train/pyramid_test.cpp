@@ -61,7 +61,7 @@ TEST_CASE("pyramid: levels follow from settings and sizes", "[pyramid]") {
         Levels{{4, 0.2}, {2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(200, 200)) == Levels{{2, 0.5}, {1, 1}});
   CHECK(pyramid_levels(with("4:0.2,2:0.5", 1000), views_of(4000, 100)) == Levels{{1, 1}});
-  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // half of it is rounded to one iteration
+  CHECK(factor_at(three, WorkShare(with("", 1)), 1) == 2);  // half of the only iteration is rounded to one
   for (const char* wrong : {"2", "2:", "2:0.5,", "2:0.5,4:0.7", "4:0.5,2:0.2", "2:0", "2:1", "1:0.5",
                             "65:0.5", "2.5:0.5", "2:nan", ":0.5", "2:0.5;1:0.7", "2:0.5x"})
     CHECK(message_of([&] { validate(with(wrong, 100)); }, ErrorKind::usage).find("pyramid") !=
@@ -104,7 +104,7 @@ TEST_CASE("pyramid: an image is reduced to the means of square blocks", "[pyrami
 }
 
 // A pixel of the reduced camera has the direction of the centre of its block.
-TEST_CASE("pyramid: a reduced camera sees the same", "[pyramid]") {
+TEST_CASE("pyramid: a reduced camera sees the same part of the scene", "[pyramid]") {
   Camera camera;
   camera.width = 401;
   camera.height = 302;
@@ -154,7 +154,7 @@ TEST_CASE("pyramid: a run resumed on any level is bit-identical to an uninterrup
         first.run([&](const StepReport& report) { return report.iteration < cut; });
         Trainer second(*device, settings, train, data.test, first.model());
         second.restore(first.state());
-        // An evaluation on full images changes nothing.
+        // An evaluation on full images does not change the training.
         CHECK(second.evaluate_test().mean.psnr == first.evaluate_test().mean.psnr);
         second.run([](const StepReport&) { return true; });
         const TrainState got = second.state();

@@ -13,9 +13,9 @@ namespace {
 
 using test::Data;
 
-// Blue above and red on one side, between 0 and 1 in all directions.
+// The sky is blue above and red on one side, with values between 0 and 1 in all directions.
 constexpr std::array<double, 3> kMean{0.5, 0.45, 0.6};
-constexpr std::array<double, 3> kUp{-0.2, 0.1, 0.4}, kSide{0.3, 0, -0.1};  // of functions 2 and 3
+constexpr std::array<double, 3> kUp{-0.2, 0.1, 0.4}, kSide{0.3, 0, -0.1};  // of harmonics 2 and 3
 double sky_colour(const std::vector<double>& functions, std::size_t c) {
   return kMean[c] + kUp[c] * functions[2] + kSide[c] * functions[3];
 }
@@ -29,7 +29,8 @@ std::vector<double> functions_at(const Camera& camera, double x, double y) {
   return oracle::spherical_harmonics(direction, 9);
 }
 
-// Computed from renders in front of black and white, whose difference is the transmittance.
+// Puts the background behind the splats of the images. `black` and `white` are renders in front of black and
+// white; their difference is the transmittance.
 void put_behind(Split& black, const Split& white, bool sky) {
   for (std::size_t v = 0; v < black.views.size(); ++v) {
     const Camera& camera = black.views[v].camera;
@@ -67,7 +68,7 @@ TrainSettings settings_for(Background::Learnt learnt) {
   return settings;
 }
 
-TEST_CASE("sky: a learnt background is that of the images", "[sky]") {
+TEST_CASE("sky: the learnt background equals the background of the images", "[sky]") {
   for (const bool sky : {false, true}) {
     const Data data = before(sky);
     for (const auto& device : test::devices_under_test()) {
@@ -77,12 +78,12 @@ TEST_CASE("sky: a learnt background is that of the images", "[sky]") {
       trainer.run([](const StepReport&) { return true; });
       const Metrics with = trainer.evaluate_test();
       const Background found = trainer.drawn_settings().background;
-      INFO((sky ? "sky" : "colour") << ": " << without << " dB before grey, " << with.mean.psnr << " dB");
+      INFO((sky ? "sky" : "colour") << ": " << without << " dB on grey, " << with.mean.psnr << " dB");
       CHECK(with.mean.psnr > without + (sky ? 1.7 : 1.1));  // 3.5 and 2.3 dB here
       REQUIRE(found.harmonics.size() == (sky ? kSkyHarmonics : 0));
       double worst = 0;
       for (const View& view : data.train.views) {
-        // A corner of the image, which splats need not cover.
+        // In a corner of the image, splats are not needed.
         const std::vector<double> functions = functions_at(view.camera, 1, 1);
         for (std::size_t c = 0; c < 3; ++c) {
           double colour = found.colour[c];
@@ -92,7 +93,7 @@ TEST_CASE("sky: a learnt background is that of the images", "[sky]") {
         }
       }
       CHECK(worst < (sky ? 0.12 : 0.004));  // twice the value on PoCL
-      // The model with the settings in its header is rendered like by the trainer.
+      // Rendering the model with the settings in its header gives the same quality as the trainer.
       TrainSettings drawn = trainer.drawn_settings();
       Trainer again(*device, drawn, data.train, data.test, trainer.model());
       CHECK(again.evaluate_test().mean.psnr == with.mean.psnr);
@@ -121,7 +122,7 @@ TEST_CASE("background: random colours make opaque images opaque splats", "[sky]"
       own[on] = trainer.evaluate_test().mean.psnr;
       white[on] = on_another_background(*device, trainer, settings, data);
     }
-    INFO(own[0] << " dB, " << white[0] << " dB before white; with random colours " << own[1] << ", "
+    INFO(own[0] << " dB, " << white[0] << " dB on white; with random colours " << own[1] << ", "
                 << white[1]);
     CHECK(white[0] < own[0] - 6);
     CHECK(white[1] > own[1] - 1.5);  // 0.9 dB here

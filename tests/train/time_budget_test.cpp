@@ -23,7 +23,8 @@ Split views_of(int side) {
   return {"train", {view}};
 }
 
-// On full images, a step takes 2 ms per thousand splats plus 1 ms, and on the coarsest level a fifth of it.
+// On full images, a step takes 2 ms per thousand splats plus 1 ms. On the coarsest level it takes a fifth of
+// this time.
 std::vector<StepCost> some_costs() { return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}}; }
 
 TimeBudget budget_of(double seconds) { return {.seconds = seconds, .measured = 0.5, .costs = some_costs()}; }
@@ -124,7 +125,7 @@ TEST_CASE("time budget: the time of a schedule is the sum of its steps and sweep
       WorkTime({some_costs()[0]}, Schedule(settings, 2000), pyramid_levels(settings, views_of(800))), Error);
 }
 
-TEST_CASE("time budget: as many iterations are chosen as fit the measured costs", "[budget]") {
+TEST_CASE("time budget: the iterations are as many as fit the budget at the measured costs", "[budget]") {
   const Split train = views_of(800);
   int before = 0;
   for (const double seconds : {5.0, 30.0, 90.0, 600.0}) {
@@ -258,7 +259,7 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
       INFO(run.settings.iterations << " iterations, " << run.seconds << " s, " << run.settings.work_shares);
       CHECK(run.seconds == Approx(30).margin(0.6));
       validate(run.settings);
-      // The settings are converted to text and back, like in config.yaml.
+      // The settings are converted to text and back, as in config.yaml.
       TrainSettings read = settings;
       TrainSettings written = run.settings;
       for (const char* key : {"iterations", "work_shares", "growth_end"})
@@ -268,7 +269,7 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
       Trainer again(*device, read, data.train, test::kNone, test::start(settings));
       again.run([](const StepReport&) { return true; });
       CHECK(test::same_bits(again.model().values, run.model.values));
-      // Runs without a clock, and with the same clock from a state in the middle.
+      // Resumes the run from a state in the middle, first without a clock and then with the same clock.
       TrainSettings rest = read;
       Trainer without(*device, rest, data.train, test::kNone, test::start(settings));
       without.restore(kept.state);
@@ -278,7 +279,8 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
       CHECK(continued.seconds == Approx(30).margin(0.6));
       const std::string begun = kept.settings.work_shares;
       CHECK(continued.settings.work_shares.starts_with(begun));
-      // With less or more time for the rest. The schedule is complete, and the settings repeat the run.
+      // Resumes with less or more time for the rest of the run. The schedule is complete, and the settings
+      // reproduce the run.
       for (const double more : {5.0, 40.0}) {
         const double end = kept.state.seconds + more;
         const Trained other = train_in_time(*device, data, settings, seconds_of, &kept, nullptr, end);
@@ -319,7 +321,7 @@ TEST_CASE("time budget: steps are measured on every level, and the initial splat
       const std::vector<float> before = initial.values;
       const std::vector<StepCost> costs = measure_steps(*device, settings, data.train, initial, 1600);
       CHECK(initial.values == before);
-      REQUIRE(costs.size() == 2);  // a quarter of 144 pixels would be too small
+      REQUIRE(costs.size() == 2);  // an image with a quarter of 144 pixels would be too small
       CHECK(costs[0].factor == 2);
       CHECK(costs[1].factor == 1);
       for (const StepCost& cost : costs) {

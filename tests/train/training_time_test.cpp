@@ -36,8 +36,8 @@ struct TimedRun {
   SplatModel model;
 };
 
-// The time of an iteration passes before the next one is measured. What passes in the iteration of a save is
-// not counted, because saving is not training.
+// The time of an iteration passes before the next one is measured. The time of an iteration in which a state
+// is saved is not counted, because saving is not training.
 TimedRun run_timed(Device& device, TrainSettings settings, const test::Data& data, bool saves,
                    const Course& course) {
   if (!saves) settings.eval_every = "10s";
@@ -87,7 +87,7 @@ TEST_CASE("training time: evaluations by seconds follow the clock, the model doe
   }
 }
 
-TEST_CASE("training time: states are passed by seconds of training", "[time]") {
+TEST_CASE("training time: states are passed after a number of seconds of training", "[time]") {
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, kIterations, 200);
   const auto device = devices_under_test()[0];

@@ -108,7 +108,7 @@ TEST_CASE("work share: later points do not change earlier iterations", "[schedul
     const std::vector<PyramidLevel> levels = levels_of(settings);
     INFO(settings.work_shares);
     for (std::size_t known = 1; known < course.size(); ++known) {
-      // As the run computed it at that time, with a different expected end.
+      // This is the schedule that the run used at that time, when it expected a different end.
       const int until = course[known - 1].iteration;
       const TrainSettings then = settings_of(
           until + 1 + run % 90, to_string({course.begin(), course.begin() + static_cast<long>(known)}));

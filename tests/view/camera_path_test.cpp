@@ -209,7 +209,7 @@ TEST_CASE("scene frame: from cameras around a point") {
   CHECK(told.elevation == -0.1);
 }
 
-TEST_CASE("scene frame: an orbit suits cameras on all sides only") {
+TEST_CASE("scene frame: an orbit is only suitable for cameras on all sides") {
   const auto seen_around = [](double turn, int count) {
     std::vector<Camera> cameras;
     for (int i = 0; i < count; ++i) {
@@ -265,7 +265,7 @@ TEST_CASE("scene frame: a few outliers among the splats do not move it") {
         std::string::npos);
 }
 
-// Returns the smallest share of the opacity that is inside the images from all around.
+// Returns the share of the opacity that is inside the image, for the camera of an orbit that shows the least.
 double least_shown(const SplatModel& model, const SceneFrame& frame, int width, int height, double fov) {
   double least = 1;
   const auto orbit = orbit_path(frame, fov, 1);

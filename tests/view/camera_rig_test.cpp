@@ -23,8 +23,8 @@ Camera camera(const Vec3& at, const Vec3& target, int width = 400, int height = 
   return camera_at(pose, {width, height, {}});
 }
 
-// Cameras on half a circle around `centre`, as when walking around an object on a table. outwards: they look
-// away from it.
+// Returns cameras on half a circle around `centre`, as when walking around an object on a table. `outwards`:
+// the cameras look away from the centre.
 std::vector<Camera> half_turn(const Vec3& centre, double distance, bool outwards = false) {
   std::vector<Camera> cameras;
   for (int i = 0; i < 58; ++i) {
@@ -68,7 +68,7 @@ TEST_CASE("initial space: forward and outward cameras") {
   std::vector<Camera> converging, parallel;
   for (int i = 0; i < 20; ++i) {
     const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
-    converging.push_back(camera(3.0 * at, {0, 5, 0}));  // fern's ratio of distance and spread
+    converging.push_back(camera(3.0 * at, {0, 5, 0}));  // distance / spread as in the scene fern
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
   }
   // The angle is too small for cameras around an object, but sufficient to determine its distance.
@@ -99,7 +99,8 @@ TEST_CASE("initial space: cameras without information") {
   CHECK(usable(initial_space(opposite, true)));
 }
 
-// Cameras that show the same directions in a part of a wide image, with a principal point outside of it.
+// Returns a camera for a part of a wide image. It shows the same directions as `c`, but its principal point
+// is outside of the part.
 Camera cut_from_wide_image(const Camera& c) {
   const double right =
       3 * c.width / c.fx;  // tangent of the angle between the centre of the image and the forward axis
@@ -111,7 +112,7 @@ Camera cut_from_wide_image(const Camera& c) {
   return out;
 }
 
-TEST_CASE("initial space: with any unit, position and part of a lens") {
+TEST_CASE("initial space: does not depend on the unit, the position or the part of a lens") {
   std::vector<Camera> forward, parallel, turning;
   for (int i = 0; i < 20; ++i) {
     const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};

@@ -23,7 +23,7 @@ std::vector<float> drawn(Device& device, const DeviceGroups& groups) {
 
 }  // namespace
 
-TEST_CASE("choice of splats: the same bits as a separate model") {
+TEST_CASE("choice of splats: the image is bit-identical to that of a separate model") {
   const auto scene = [](int dim) {
     return oracle::regular_scene({.count = 300, .dim = dim, .seed = 5}).model;
   };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the decomposition by quantiles of the betas: the rows that it uses, that ranges form a partition, and
-// invalid arguments.
+// Tests the decomposition by quantiles of the betas: it uses the correct rows, ranges form a partition, and
+// invalid arguments are rejected.
 #include "host/api/decompose.hpp"
 
 #include <limits>

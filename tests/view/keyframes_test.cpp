@@ -30,7 +30,8 @@ std::string refused_frame(const std::string& frame) {
 
 TEST_CASE("keyframes: the three representations of a pose agree") {
   const TempFolder folder;
-  // At (1, 2, 3), looking along +x with z up. The third matrix has the axes of transforms.json.
+  // All keyframes are at (1, 2, 3) and look along +x with z up. The third matrix has the axes of
+  // transforms.json.
   test::put(folder / "k.json", R"({"closed": true, "keyframes": [
     {"position": [1, 2, 3], "look_at": [5, 2, 3], "up": [0, 0, 1], "fov": 40},
     {"world_to_camera": [[0,-1,0,2],[0,0,-1,3],[1,0,0,-1]], "fov": 60},

@@ -132,7 +132,7 @@ TEST_CASE("render --lens: a panorama and a fisheye image agree with pinhole imag
   CHECK(std::filesystem::exists(folder / "o/frame_0000_depth.png"));
 }
 
-TEST_CASE("eval: a wide image is compared in its own lens, where its mask allows it") {
+TEST_CASE("eval: a wide image is compared in its own lens, except for its masked pixels") {
   const TempFolder folder;
   write_splat_ply(folder / "m.ply", scene(6));
   test::put(folder / "k.json",

@@ -90,7 +90,7 @@ TEST_CASE("video: supported formats are tested in a separate folder") {
   CHECK(test::file_count(folder.path()) == 2);
 }
 
-TEST_CASE("video: no file is left of an unfinished video") {
+TEST_CASE("video: an unfinished video leaves no file") {
   const TempFolder folder;
   {
     VideoWriter writer(folder / "v.avi", 64, 64, 10);

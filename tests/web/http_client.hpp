@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A client of the server that sends any bytes, for tests.
+// A client of the server for tests, which can send arbitrary bytes.
 #pragma once
 
 #include <netinet/in.h>

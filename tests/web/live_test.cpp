@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures of a training: none is begun when the training is about to end.
+// Tests rendering for viewers during a training: no image is started when the training is about to end.
 #include "host/look/serve/live.hpp"
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST_CASE("live: a request that waits is not drawn while the training stops, and is drawn afterwards") {
+TEST_CASE("live: a pending request is not rendered while the training stops, but after it has stopped") {
   const auto device = devices_under_test().at(0);
   const test::Data data = test::synthetic("glossy", 16, 3);
   const TrainSettings settings = test::short_run(3, 20, 100);
@@ -32,8 +32,8 @@ TEST_CASE("live: a request that waits is not drawn while the training stops, and
       answer = std::async(std::launch::async, ask);
       return true;
     }
-    // As after Ctrl-C: the request has arrived long before the last of these calls, and the share of the time
-    // is not used up.
+    // These calls are like those after Ctrl-C. The request arrives long before the last of them, and viewers
+    // have not used up their share of the time.
     live.step(report, false);
     drawn_late =
         drawn_late || answer.wait_for(report.iteration < 20 ? 10ms : 500ms) == std::future_status::ready;

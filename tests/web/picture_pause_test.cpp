@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the share of the time that images of a training take, with a simulated clock.
+// Tests the share of the training time that images for viewers take, with a simulated clock.
 #include "host/look/serve/picture_pause.hpp"
 
 #include <algorithm>
@@ -32,13 +32,13 @@ TEST_CASE("images take their share of the time, for any speed of steps and image
       const double share = drawn_share(0.03, cost, step, 4000);
       INFO("steps of " << step << " s, pictures of " << cost << " s: " << share);
       CHECK(share <= 0.03 + cost / 4000);  // there is no pause before the first one
-      // The step in which the pause ends is finished first.
+      // The step during which the pause ends is finished before the next image.
       CHECK(share > 0.99 * cost / (cost / 0.03 + step));
     }
 }
 
 TEST_CASE(
-    "a small image delays others only by its own cost, and ten minutes without images are not saved up") {
+    "a small image delays others only by its own cost, and unused time is not saved up for later images") {
   test::SimulatedTime time;
   PicturePause pause(0.03, time);
   CHECK(pause.over());

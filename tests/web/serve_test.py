@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests `ubs train --serve` and `ubs view` as viewers use them: serve_test.py UBS [NAME ...].
 
-The client speaks HTTP by itself, so that it can also speak it badly. `flood-full` and `flood-wide` are the long
-forms of `flood`. tests/web/server_test.cpp tests the server alone."""
+The client implements HTTP itself, so that it can also send invalid requests. `flood-full` and `flood-wide` are longer
+variants of `flood`. tests/web/server_test.cpp tests the server alone."""
 
 import contextlib
 import csv
@@ -178,7 +178,7 @@ def pictures_to_the_end(served, camera):
 
 def training(folder):
     synthesise(folder)
-    exact = ("--unit", 1)  # of the data: a model that was trained in another one is rounded when it is written
+    exact = ("--unit", 1)  # the unit of the data; a model trained in another unit is rounded when it is written
     ubs(*train(folder, "alone", 600, *exact))
     with Served(folder, *train(folder, "nobody", 600, *exact)) as served:
         served.end(0)
@@ -238,7 +238,7 @@ def interrupt(folder):
         camera = lens(served.page_options()["cameras"][0])
         until(lambda: served.picture(camera)[0] == 200)
         silent = [served.connect() for _ in range(20)]
-        # Then the share is used up for minutes.
+        # After this expensive image, the share of the time is used up for minutes.
         until(lambda: served.picture(lens(camera, width=1024, height=2048), exact=True)[0] == 200)
         waiting = served.ask(camera)
         piping = served.connect()
@@ -255,7 +255,7 @@ def interrupt(folder):
     assert (folder / "run" / "model.ply").exists()
 
 
-# A request of a viewer can at most fail itself, and a small image delays others only a little.
+# A bad request of a viewer does not affect other requests, and a small image delays others only a little.
 def visitors(folder):
     synthesise(folder)
     with Served(folder, *train(folder, "run", 1000000), "--serve-share", 50) as served:
@@ -296,7 +296,7 @@ def heavy(folder):
     with Served(folder, "view", folder / "run", folder / "data") as served:
         camera = lens(served.page_options()["cameras"][0], width=1448, height=1448)
         waiting = [served.ask(camera, exact=True) for _ in range(4)]
-        # An answer is sent when the next image is started.
+        # The answer of an image is sent when the next image is started.
         ready, _, _ = select.select(waiting, [], [], 600)
         assert ready
         served.end(130, signal.SIGINT)
@@ -325,7 +325,7 @@ def desktop(folder):
             process, address = opened.read_text().split(" ", 1)
             assert address == served.url, (address, served.url)
             served.end(130, signal.SIGINT)
-            os.kill(int(process), signal.SIGKILL)  # it is still there: the browser stays open
+            os.kill(int(process), signal.SIGKILL)  # the process still exists, because the browser stays open
         opened.unlink()
     # If there is no desktop or xdg-open fails, only the address is printed.
     with Served(folder, "view", folder / "run", desktop=path) as served:
@@ -401,7 +401,7 @@ def flooded(folder, seconds, *options):
         start = time.time()
         for k in range(int(20 * seconds)):
             time.sleep(max(0, start + k / 20 - time.time()))
-            if time.time() > start + seconds:  # the share of the time is used up: answers come later
+            if time.time() > start + seconds:  # the share of the time is used up, so answers are late
                 break
             count(asked=1)
             with contextlib.suppress(ConnectionError):  # rejected while all connections are in use
@@ -451,7 +451,7 @@ def flooded(folder, seconds, *options):
         served.end(130)
     assert not failures, failures
     assert counts["answered"] > 0, counts
-    with Served(folder, *train(folder, "alone", 1000000)) as served:  # nobody asks
+    with Served(folder, *train(folder, "alone", 1000000)) as served:  # no viewer sends requests
         until(lambda: len(losses(folder, "alone")) > 10)
         served.process.send_signal(signal.SIGINT)
         served.end(130)
@@ -474,7 +474,7 @@ def pages(folder):
             page.open(served.url, (400, 300))
             page.run("window.L = document.getElementById('ubs-viewer').live, 0")
             slider = "getComputedStyle(L.find('input[type=range]').parentNode).display"
-            assert not page.run("L.options.timed") and page.run(slider) == "none", "a slider that moves nothing"
+            assert not page.run("L.options.timed") and page.run(slider) == "none", "a slider without effect is shown"
             look(page, "a drag", lambda: page.drag((200, 80), (280, 110)))
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
@@ -577,7 +577,7 @@ def main():
             try:
                 said = {**TESTS, **MEASURES}[name](Path(folder)) or ""
                 print(f"passed  {name} ({time.time() - begin:.1f} s) {said}", flush=True)
-            except Exception as error:  # the next tests run all the same
+            except Exception as error:  # the next tests are also run
                 failures += 1
                 print(f"FAILED  {name}: {type(error).__name__}: {error}", flush=True)
     return 1 if failures else 0

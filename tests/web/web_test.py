@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares pages of `ubs web` in a real browser with the images of `ubs render`: web_test.py UBS [NAME ...].
 
-Exits with 77 where there is no Chromium or no numpy. UBS_CHROMIUM names another browser of its family. Without names
-all are run but those of LONG, which UBS_TEST_ALL=1 adds."""
+Exits with 77 if Chromium or numpy is not installed. UBS_CHROMIUM selects another browser that is based on
+Chromium. Without NAME, all tests are run except those of LONG, which are only run with UBS_TEST_ALL=1."""
 
 import base64
 import contextlib
@@ -35,7 +35,7 @@ FOV = 50
 COUNT = 700
 
 
-# ---- Cameras, for both ----
+# ---- Cameras, for the page and for `ubs render` ----
 
 
 def look(position, target, up=(0, 0, 1)):
@@ -70,7 +70,7 @@ CAMERAS = [
 ]  # far away
 
 
-# The names of the model file (docs/data.md).
+# Returns the comments with the cameras in the header of the model file (docs/data.md).
 def notes():
     c = CAMERAS[0]
     lines = [f"comment ubs_lens {c['width']} {c['height']} {c['fx']:.9g} {c['fy']:.9g}"]
@@ -245,14 +245,15 @@ def compare(page, folder, least, dims, *options, **switches):
     worst = 99.0
     for k, shot in enumerate(CAMERAS):
         picture = shown(page, shot)
-        assert truth[k].std() > 0.01, "an empty picture"
+        assert truth[k].std() > 0.01, "the image is empty"
         worst = min(worst, psnr(picture, truth[k]))
         assert worst >= least, f"camera {k}: {worst:.1f} dB"
     quiet(page)
     return f"worst {worst:.1f} dB"
 
 
-# Observed with Chromium 156 and SwiftShader: at least 57 dB without quantisation, which is due to rounding to 8 bits.
+# Without quantisation, the PSNR was at least 57 dB with Chromium 156 and SwiftShader. The remaining error is due to
+# rounding to 8 bits.
 def exact(dims, **switches):
     return lambda page, folder: compare(page, folder, 45, dims, "--exact", **switches)
 
@@ -333,7 +334,7 @@ def poster(page, folder):
     assert psnr(np.array(still).reshape(64, 64, 4)[:, :, :3] / 255, truth) >= 40
     assert page.run("document.querySelector('details').open") is False
     quiet(page)
-    # Without the option the page has the still picture, too: what it shows before its first frame is not black.
+    # Without --poster, the page also contains the still image, so it is not black before its first frame.
     for exact in ([], ["--exact"]):
         ubs("web", model, folder / "data", "--out", html, "--view", 2, "--quiet", "--overwrite", *exact)
         text = html.read_text()
@@ -341,7 +342,7 @@ def poster(page, folder):
         page.open(html)
         page.run("document.querySelector('.poster').decode().then(() => 0)")
         shot = page.call("Page.captureScreenshot", clip={"x": 0, "y": 0, "width": 400, "height": 400, "scale": 1})
-        assert len(shot["data"]) > 10000, "a black page before the first frame"
+        assert len(shot["data"]) > 10000, "the page is black before the first frame"
 
 
 # The first level is shown before the rest of the page has arrived, and the last level is the whole model.
@@ -438,7 +439,7 @@ def report(page, folder):
     assert truth.std() > 0.01 and psnr(picture, truth) >= 40, psnr(picture, truth)
     middle = [box[0] / 2, box[2] + box[1] / 2]
     page.drag(middle, [middle[0] + 60, middle[1]])
-    assert np.abs(settled(page) - picture).mean() > 1e-3, "a drag changes nothing"
+    assert np.abs(settled(page) - picture).mean() > 1e-3, "dragging does not change the image"
     assert page.run("document.querySelectorAll('img').length") > 3
     quiet(page)
     page.open(folder / "without.html", (900, 700))
@@ -471,7 +472,7 @@ def interaction(page, folder):
         before[0] = now
 
     def same(what):
-        assert np.abs(settled(page) - before[0]).max() < 0.02, f"{what}: not the same picture"
+        assert np.abs(settled(page) - before[0]).max() < 0.02, f"{what}: the image is different"
 
     page.drag((250, 100), (320, 120))
     changed("a drag")
@@ -543,7 +544,7 @@ def interaction(page, folder):
     changed("leaving the link")
     page.run(f"location.hash = '', location.hash = '{link.split('#')[1]}'")
     time.sleep(0.2)
-    assert np.abs(settled(page) - now).max() < 0.02, "the link leads elsewhere"
+    assert np.abs(settled(page) - now).max() < 0.02, "the link shows a different image"
     saved = page.run("""new Promise((done) => {
         HTMLAnchorElement.prototype.click = function () { done(this.download + this.href.slice(0, 5)); };
         V.screenshot(); })""")
@@ -750,7 +751,7 @@ def main():
                 try:
                     said = {**TESTS, **MEASURES}[name](page, Path(folder)) or ""
                     print(f"passed  {name} ({time.time() - begin:.1f} s) {said}", flush=True)
-                except Exception as error:  # the next tests run all the same
+                except Exception as error:  # the next tests are also run
                     failures += 1
                     print(f"FAILED  {name}: {type(error).__name__}: {error}", flush=True)
     finally:

@@ -73,7 +73,7 @@ class HelpFormatter : public CLI::Formatter {
     out << make_subcommands(app, CLI::AppFormatMode::Normal);
     if (root)
       out << fmt::format(
-          "\n{0} COMMAND --help explains a command, {0} --help-all exit codes and environment.\n",
+          "\n{0} COMMAND --help explains a command, {0} --help-all lists exit codes and environment.\n",
           app->get_name());
     if (mode == CLI::AppFormatMode::All) out << make_footer(app);
     return out.str();

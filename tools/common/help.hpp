@@ -10,7 +10,7 @@
 
 namespace ubs::tools {
 
-// Option groups whose name starts with this are only shown by --help-all.
+// Option groups whose name starts with this text are only shown by --help-all.
 inline constexpr const char* kRareGroup = "More settings";
 
 // Must be called before subcommands are added, because they inherit what it sets.

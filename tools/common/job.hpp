@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // These functions join and leave the MPI job of which this process is a rank, if mpirun or srun started it
-// (docs/cluster.md). Only the first rank prints and writes; the others print nothing but errors.
+// (docs/cluster.md). Only the first rank prints and writes; the others only print errors.
 #pragma once
 
 #include <string>

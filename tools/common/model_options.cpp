@@ -99,7 +99,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
   if (!data.empty()) {
     try {
       if (!print || !trained_on(data)) return {};
-    } catch (const Error&) {  // other data; the code that uses them reports what is wrong
+    } catch (const Error&) {  // other data; the code that uses them reports the error
       return {};
     }
     const TrainSettings usual;

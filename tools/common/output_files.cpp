@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Returns whether `inner` is inside `outer` after resolving symbolic links. Compares inodes, so bind mounts
-// count.
+// are recognised too.
 bool lies_in(const fs::path& inner, const fs::path& outer) {
   for (fs::path above = resolved_path(inner); above != above.parent_path();) {
     above = above.parent_path();

@@ -26,8 +26,9 @@ void check_output_files(const Paths& files, const Paths& inputs, bool overwrite)
 // not ordinary files.
 void check_free(const Paths& files, bool overwrite);
 
-// Throws Error(usage) if the folder is one of the `data` or contains it, or if it is a folder inside the data
-// that contains cameras or that loaders read by its name. `data` are folders or files.
+// `data` are folders or files. Throws Error(usage) if the folder is one of them or contains one of them. Also
+// throws Error(usage) if the folder is inside the data, and contains cameras or has a name that loaders look
+// for.
 void check_apart(const std::filesystem::path& folder, const Paths& data);
 // Throws Error(usage) if images of the views are directly in the folder.
 void check_apart_from_images(const std::filesystem::path& folder, const Split& views);

@@ -13,8 +13,8 @@
 namespace ubs::tools {
 
 // Returns the views of the data that `options` name. If they name no data, returns the cameras that the model
-// lists; if it lists none, some cameras around the model. `opened`: the data, if they have been opened
-// already.
+// lists. If the model lists none, returns some cameras around the model. `opened` contains the data if they
+// have been opened already.
 Split page_views(const ModelOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
                  const std::optional<OpenedData>& opened, const FrameHints& hints);
 

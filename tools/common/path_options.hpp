@@ -22,7 +22,7 @@ Vec3 parse_vector(const std::string& option, const std::string& text);
 inline constexpr const char* kUpHelp =
     "up direction of the scene: a vector, or an axis such as -y [mean of the cameras of the data, otherwise "
     "away from a floor, otherwise -y for third-party files, also when imported, and z for ubs files]";
-// Returns what the file says about a scene.
+// Returns the properties of the scene that the model file states.
 FrameHints frame_hints(const LoadedModel& model);
 
 class PathOptions {
@@ -34,7 +34,7 @@ class PathOptions {
   // has only a few images, unless the user chose their number or `video` is set.
   void look_around(bool video);
   bool wanted() const { return !path_.empty() || holds(); }
-  // The camera stays at one view of the data instead of following a path
+  // Returns whether the camera stays at one view of the data instead of following a path.
   bool holds() const { return hold_ >= 0; }
   // Returns the fixed time if --time states one. Throws Error(usage) for a range.
   std::optional<double> single_time(const MixedModel& model) const;
@@ -45,7 +45,7 @@ class PathOptions {
   // is allowed with --hold, and --size is allowed if `sized` is set.
   void check_unused(bool sized = false) const;
   // Returns the views frame_0000, ... in the coordinates of the model. `cameras` are those of the data and
-  // may be empty. `even`: an image size that the user did not choose is rounded down to even numbers.
+  // may be empty. `even`: rounds an image size down to even numbers if the user did not choose it.
   Split views(const LoadedModel& model, std::span<const Camera> cameras, bool even) const;
 
  private:

@@ -100,8 +100,8 @@ void RunFolder::check_apart_from(const Split& views) const {
   for (const fs::path& folder : {folder_, renders(), cameras()}) check_apart_from_images(folder, views);
 }
 
-// Removes the renders that the metrics.json of an earlier run lists. Somebody else may have written that
-// file: names that lead out of the folder are ignored, and so is a file that cannot be parsed.
+// Removes the renders that the metrics.json of an earlier run lists. The file may come from another user, so
+// names that lead out of the folder are ignored. If the file cannot be parsed, nothing is removed.
 void RunFolder::remove_renders() const {
   if (!path_exists(metrics())) return;
   const std::string text = read_text_file(metrics());
@@ -115,7 +115,7 @@ void RunFolder::remove_renders() const {
   if (names == json.end() || !names->is_array()) return;
   for (const Json& name : *names) {
     const fs::path file = name.is_string() ? name.get<std::string>() : "";
-    if (file.native().find('\0') != std::string::npos) continue;  // system calls would end the name there
+    if (file.native().find('\0') != std::string::npos) continue;  // system calls would truncate such a name
     if (file.extension() == ".png" && file == file.filename() && is_regular(renders() / file))
       remove_path(renders() / file);
   }

@@ -21,7 +21,8 @@ namespace ubs::tools {
 
 class RunFolder {
  public:
-  // `writes`: false for all ranks of a job except the first. They make the same calls, but write nothing.
+  // `writes`: false for all ranks of a job except the first. These ranks make the same calls, but do not
+  // write.
   explicit RunFolder(std::filesystem::path folder, bool writes = true)
       : folder_(std::move(folder)), writes_(writes) {}
   bool writes() const { return writes_; }
@@ -70,7 +71,7 @@ class RunFolder {
   std::filesystem::path checkpoint() const { return folder_ / "checkpoint.ubs"; }
   std::filesystem::path metrics() const { return folder_ / "metrics.json"; }
   std::filesystem::path renders() const { return folder_ / "renders"; }
-  std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined ones
+  std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined cameras
 
  private:
   std::filesystem::path config_file() const { return folder_ / "config.yaml"; }

@@ -20,7 +20,7 @@ namespace ubs::tools {
 void prepare_streams();
 
 // For commands whose results are files. Such a command calls this function before its first output; after
-// that, the command goes on if its printed output cannot be written.
+// that, the command continues even if its printed output cannot be written.
 void files_before_output();
 
 // Discards all further output to stdout.

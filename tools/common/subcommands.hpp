@@ -21,7 +21,7 @@ struct Command {
 struct CommandEntry {
   Command (*add)(CLI::App& root);              // declares the subcommand with its options
   const char* group;                           // heading in --help
-  const char *first_example, *second_example;  // of command lines
+  const char *first_example, *second_example;  // examples of command lines
   bool runs_on_ranks = false;                  // several processes can share its work (docs/cluster.md)
 };
 

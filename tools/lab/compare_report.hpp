@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Comparison holds what `ubs-lab compare` measures on one device. Functions format the results as table,
-// JSON, CSV and page.
+// Comparison contains the measurements of `ubs-lab compare` on one device. The functions of this file format
+// the results as a table, JSON, CSV or a page.
 #pragma once
 
 #include <map>

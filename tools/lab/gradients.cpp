@@ -35,8 +35,8 @@ struct GradientsOptions : ModelOptions {
   bool json = false, cameras = false, overwrite = false;
 };
 
-// Returns the target as (3, H, W). It comes from the .npy file of shape (H, W, 3), or from the view's image,
-// which may have a mask.
+// Returns the target as (3, H, W). It is read from the .npy file of shape (H, W, 3), or from the view's
+// image, which may have a mask.
 std::vector<float> planar_target(const GradientsOptions& options, const View& view,
                                  std::vector<std::uint8_t>& mask) {
   const std::size_t height = static_cast<std::size_t>(view.camera.height);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This is the main program of the executable `ubs-lab`, with which this project measures itself: errors
-// against float64 together with times, numerically difficult and extreme cases, and comparisons of devices
-// and back ends.
+// This is the main program of the executable `ubs-lab`, which measures ubs. It measures errors against
+// float64 together with times, runs numerically difficult and extreme cases, and compares devices and back
+// ends.
 #include "tools/lab/lab_commands.hpp"
 
 namespace {

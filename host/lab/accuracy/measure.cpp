@@ -92,7 +92,7 @@ const TruthEntry& Measurement::truth_of(const Configuration& configuration) {
                   settings.eps2d, settings.lambda_dssim, settings.query_grad);
   const auto found = truths_.find(key);
   if (found != truths_.end()) return found->second;
-  say(fmt::format("float64, form {}", to_string(variant)));
+  say(fmt::format("float64, variant {}", to_string(variant)));
   const Problem problem = problem_of(scene_, settings, variant);
   return truths_.emplace(key, TruthEntry{compute_truth(problem), compute_stage_truth(problem)}).first->second;
 }

@@ -24,8 +24,8 @@ struct BenchScene {
 };
 
 // Returns a scene that resembles a trained object. It consists of two crossed ellipsoids that fill 46 % of
-// the image, with about 50 blended splats per pixel. Sizes and anisotropies are log-normal, 45 % of the
-// splats have a low opacity, they depend slightly on the view, and they have no order in memory. These
+// the image, with about 50 blended splats per pixel. Sizes and anisotropies are log-normal, and 45 % of the
+// splats have a low opacity. The splats depend slightly on the view and have no order in memory. These
 // statistics are those of the prototypes with which the structure of the rasterisers was chosen.
 BenchScene synthetic_object(int dim, std::size_t splats, int width, int height, std::size_t views = 4);
 

@@ -85,7 +85,7 @@ void composite(const Frame& frame, const std::vector<int>& candidates, double x,
     if (pixel.closed > 0) continue;
     if (transmittance * (1 - alpha) <= kMinTransmittance) {
       pixel.closed = transmittance;
-      if (options.alpha_min > 0) continue;  // splats behind it that alpha_min would skip are counted
+      if (options.alpha_min > 0) continue;  // left_out also counts skipped splats behind this one
       break;
     }
     transmittance *= 1 - alpha;

@@ -2,9 +2,9 @@
 // The oracle is an independent renderer: it computes one view of a Beta splat model, its loss and the
 // gradient of the loss, in double precision. It is naive code that is written from the method alone. It
 // includes plain data structures of the host, but nothing of the kernels. Gradients come from a tape
-// (tape.hpp) over the forward formulas, not from derived backward formulas. It has the documented clamps of
-// the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study.hpp determines where single
-// precision must agree with it and where it may differ.
+// (tape.hpp) over the forward formulas, not from derived backward formulas. It applies the documented clamps
+// of the method (frustum limit, tanh floor, pivot floor, rim, largest alpha). study.hpp determines where
+// single precision must agree with it and where it may differ.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@ struct Options {
   double near_plane = 0.01, far_plane = 1e10, eps2d = 0.3;
   std::array<double, 3> background{0, 0, 0};
   LossWeights loss = loss_weights(0.2f);
-  bool query_grad = false;    // let the gradient flow through the view direction to the position
+  bool query_grad = false;    // include the gradient of the position through the view direction
   double alpha_min = 0;       // contributions with alpha <= alpha_min are skipped
   ModelVariant variant = {};  // variant of the method; it determines the rows of the model
 };
@@ -58,11 +58,13 @@ Gradient gradient(const Model& model, const Camera& camera, std::span<const doub
 // Returns the gradient of sum(weights * image); weights are (3, H, W).
 std::vector<double> weighted_gradient(const Model& model, const Camera& camera,
                                       std::span<const double> weights, const Options& options);
-// Returns the gradients of a weighted sum of colours (3, H, W) and depths (H, W; of pixels with alpha >
-// 1e-6), with respect to the parameters and to the camera. One of the weights may be empty. The 15 numbers of
-// the camera are: rotation 3 and shift 3 (the frame rotates by w about its centre, then shifts by u: R ->
-// exp([w]) R, t -> exp([w]) t + u), fx, fy, cx, cy, time, extra 4. The derivatives of the footprints with
-// respect to the camera are central differences of the whole formula.
+// Returns the gradients of a weighted sum of colours and depths with respect to the parameters and to the
+// camera. The weights of the colours have the shape (3, H, W), and those of the depths (H, W). Only the
+// depths of pixels with alpha > 1e-6 count. One of the weights may be empty. The gradient of the camera has
+// 15 numbers: 3 for a rotation w, 3 for a shift u, then fx, fy, cx, cy, time, and 4 for the extra query
+// values. The frame of the camera rotates by w about its centre and then shifts by u: R -> exp([w]) R, t ->
+// exp([w]) t + u. The derivatives of the footprints with respect to the camera are central differences of the
+// whole formula.
 struct ViewGradients {
   std::vector<double> values;
   std::array<double, 15> camera{};

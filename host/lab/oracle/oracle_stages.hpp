@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file provides the steps of the oracle separately, so that a stage of the product can be compared on
-// exact inputs: footprints -> frame -> image -> gradient of the image -> gradient of the footprints ->
-// gradient of the raw parameters of a splat.
+// This file provides the steps of the oracle separately, so that a stage of the production code can be
+// compared with the oracle on exact inputs. The steps are footprints -> frame -> image -> gradient of the
+// image -> gradient of the footprints -> gradient of the raw parameters of a splat.
 #pragma once
 
 #include <array>
@@ -25,8 +25,8 @@ double image_loss(std::span<const double> image, std::span<const double> target,
                   LossWeights weights);
 std::vector<double> image_gradient(std::span<const double> image, std::span<const double> target, int width,
                                    int height, LossWeights weights);
-// Returns the gradients by position in Frame::splats, given d loss / d image, and d loss / d depth for pixels
-// with alpha > 1e-6. Either may be empty.
+// Returns the gradients of the footprints in the order of Frame::splats, given d loss / d image, and d loss /
+// d depth for pixels with alpha > 1e-6. Either may be empty.
 std::vector<FootprintGradient> footprint_gradients(const Frame& frame, const Camera& camera,
                                                    const Options& options, std::span<const double> v_image,
                                                    std::span<const double> v_depth = {});

@@ -52,7 +52,7 @@ struct Splat {
 
 double inverse_softplus(double y) { return y + std::log(-std::expm1(-y)); }
 
-// Appends raw values. Values that only variants have come from `random`.
+// Appends raw values. Values that exist only in variants are drawn from `random`.
 void put_colour(const Splat& splat, const ModelVariant& variant, Random& random, std::vector<double>& out) {
   if (variant.colour == ColourMode::rgb) {
     out.insert(out.end(), splat.rgb.begin(), splat.rgb.end());
@@ -72,7 +72,7 @@ void put_rotation(const Splat& splat, const ModelVariant& variant, Random& rando
     return;
   }
   for (std::size_t k = 0; k < splat.triangle.size(); ++k) {
-    // With `cholesky`, an angle is replaced by an entry in world units, next to scales of 0.12 to 0.45.
+    // With `cholesky`, an angle is replaced by an entry in world units. The scales are 0.12 to 0.45.
     const bool spatial_entry = k < 3 && variant.cov_param == CovParam::cholesky;
     out.push_back(splat.triangle[k] * (spatial_entry ? 0.3 : 1));
   }
@@ -230,8 +230,8 @@ Scene regular_scene(const SceneOptions& options) {
   Scene scene = start_scene(options, options.count);
   Random random(options.seed ^ kModelStream);
   for (std::size_t i = 0; i < options.count; ++i) {
-    // Five of six splats belong to camera 0. The others belong to any camera of the ring, and are dimmer or
-    // floored when seen from camera 0.
+    // Five of six splats are made for camera 0. The others are made for a random camera of the ring, and are
+    // dimmer or floored when seen from camera 0.
     const int owner = random.uniform(0, 6) < 5 ? 0 : static_cast<int>(random.bits() % kRingCameras);
     const Camera camera = ring_camera(options, owner);
     Splat splat = ordinary_splat(random, options.dim, random_position(random), camera);

@@ -34,9 +34,9 @@ struct Scene {
 
 inline constexpr int kRingCameras = 8;
 
-// Returns camera `index` of a ring of radius 3 around the origin, which it looks at. fx != fy, and the
-// principal point is off-centre. Time and extra queries differ per camera; `extra` has exactly the length
-// that the dimension needs.
+// Returns camera `index` of a ring of radius 3 around the origin. The camera looks at the origin. fx != fy,
+// and the principal point is off-centre. Time and extra queries differ per camera; `extra` has exactly the
+// length that the dimension needs.
 Camera ring_camera(const SceneOptions& options, int index);
 std::vector<double> smooth_target(int width, int height, std::uint64_t seed);
 

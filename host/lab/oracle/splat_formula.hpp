@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file contains the per-splat formulas of the oracle: raw parameters of one splat -> its footprint in
-// one image. They are written plainly from the method (dense matrices, full NxN covariance, Gauss-Jordan
-// inverse and a separate Cholesky factor) as templates over the scalar of tape.hpp. Nothing here is shared
-// with the production code. Every branch on a scalar uses value(x): clamps and culls depend on the value and
-// have no gradient of their own.
+// This file contains the per-splat formulas of the oracle, which compute the footprint of a splat in one
+// image from its raw parameters. They follow the text of the method directly (dense matrices, full NxN
+// covariance, Gauss-Jordan inverse and a separate Cholesky factor). They are templates over the scalar type
+// of tape.hpp. This file shares no code with the production code. Every branch on a scalar uses value(x):
+// clamps and culls depend on the value and have no gradient of their own.
 #pragma once
 
 #include <algorithm>
@@ -24,9 +24,9 @@
 
 namespace ubs::oracle {
 
-// Row numbers in file order. They are derived again here, so that the layout of the product is checked and
-// not assumed. Rows exist only for what the variant uses: there is no spatial beta with a Gaussian kernel,
-// and there are no query betas if neither the conditioning nor the opacity uses them.
+// Row numbers in file order. They are derived again here, so that the layout of the production code is
+// checked and not assumed. Rows exist only for what the variant uses: there is no spatial beta with a
+// Gaussian kernel, and there are no query betas if neither the conditioning nor the opacity uses them.
 struct Rows {
   explicit Rows(int n, const ModelVariant& v = {})
       : dim(n),
@@ -170,8 +170,8 @@ inline std::array<double, 3> camera_centre(const Camera& camera) {
   std::array<double, 3> centre{};
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) centre[i] -= camera.rotation[3 * k + i] * camera.translation[k];
-  // If a position differs from a float only by the rounding of double, the float is meant, because a splat
-  // may have exactly this position.
+  // If a coordinate differs from a float only by the rounding of double precision, it is replaced by this
+  // float, because a splat may have exactly this coordinate.
   const double size =
       std::abs(camera.translation[0]) + std::abs(camera.translation[1]) + std::abs(camera.translation[2]);
   for (double& c : centre)

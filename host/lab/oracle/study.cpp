@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// This file implements study.hpp. The tape propagates the rounding of the inputs to the footprint: with the
-// Jacobian J of the values that a pixel reads, and the rounding errors d of the inputs, the covariance J
-// diag(d^2) J^T gives the deviation of any smooth function of the footprint.
+// This file implements study.hpp. The tape propagates the rounding of the inputs to the footprint. J is the
+// Jacobian of the values that a pixel reads, and d are the rounding errors of the inputs. The covariance J
+// diag(d^2) J^T then gives the deviation of any smooth function of the footprint.
 #include "host/lab/oracle/study.hpp"
 
 #include <algorithm>
@@ -45,9 +45,9 @@ std::vector<double> query_values(const std::vector<double>& raw, const Rows& row
   return query_vector<double>(raw, rows, camera, false);
 }
 
-// Returns the rounding error of each raw parameter. If only the distance of a parameter from the camera or
-// from the query is used, it is the rounding error of that distance, so that far coordinates count as the
-// exact numbers that they are.
+// Returns the rounding error of each raw parameter. If the formulas only use the distance of a parameter from
+// the camera or from the query, it is the rounding error of that distance. A large coordinate itself is an
+// exact number and has no rounding error.
 std::vector<double> input_rounding(const std::vector<double>& raw, const Rows& rows, const Camera& camera) {
   std::vector<double> size;
   for (double x : raw) size.push_back(std::isfinite(x) ? kHalfUlp * std::abs(x) : 0.0);

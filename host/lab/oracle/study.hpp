@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // study() determines what can be required of a single-precision program. The result contains the image and
-// the gradient of the oracle. It marks the pixels at which rounding decides. At these pixels a splat is so
-// close to a threshold that a rounding error may put it on either side. The thresholds are the rim of the
-// splat, the stop, the cap and the depth of another splat. The result also contains images and gradients for
-// inputs that are changed by half a unit in their last place. No single-precision program can be required to
-// have smaller errors than this change causes.
+// the gradient of the oracle. It marks the undecided pixels. At an undecided pixel, a splat is so close to a
+// threshold that a rounding error may put it on either side. The thresholds are the rim of the splat, the
+// stop, the cap and the depth of another splat. The result also contains images and gradients for inputs that
+// are changed by half a unit in their last place. No single-precision program can be required to have smaller
+// errors than this change causes.
 #pragma once
 
 #include <cstdint>

@@ -32,8 +32,8 @@ void append_escaped(std::string& out, char c) {
   out += c;
 }
 
-// Returns the hashes in the form of content security policies: the Base64 of the bytes that the hexadecimal
-// digits stand for.
+// Returns the hashes in the format of content security policies, which is Base64 of the bytes that the
+// hexadecimal digits represent.
 std::string policy_hashes(const std::vector<PageCode>& codes) {
   std::string list;
   for (const PageCode& code : codes) {

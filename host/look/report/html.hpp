@@ -14,7 +14,7 @@
 namespace ubs {
 
 // Returns `text` with & < > " ' as entities. Bytes that are not UTF-8, and control characters except tab and
-// line break, are written like encode_text() writes them.
+// line break, are written as encode_text() writes them.
 std::string escape_html(std::string_view text);
 
 // Returns json_text() in a form that is safe inside of a script element: no string in it can close the

@@ -164,18 +164,19 @@
        ['iterations', '', 0, 0, 1, 'iterations'],
        ['training', 's', 1, -1, 1, 'seconds'],
        ['step', 'ms', 3, -1, 1, 'actual', 'step_ms'],
-       ['intersections of a view, mean', '', 0, 0, 1, 'actual', 'mean_intersections'],
-       ['intersections of a view, most', '', 0, 0, 1, 'actual', 'most_intersections'],
+       ['intersections per view, mean', '', 0, 0, 1, 'actual', 'mean_intersections'],
+       ['intersections per view, maximum', '', 0, 0, 1, 'actual', 'most_intersections'],
        ['model file', 'MiB', 2, -1, 1 / mib, 'storage_bytes'],
-       ['device memory at most', 'MiB', 1, -1, 1 / mib, 'peak_device_bytes'],
-       ['device memory, planned from the start', 'MiB', 1, 0, 1 / mib, 'predicted_device_bytes'],
+       ['peak device memory', 'MiB', 1, -1, 1 / mib, 'peak_device_bytes'],
+       ['device memory, estimated before training', 'MiB', 1, 0, 1 / mib, 'predicted_device_bytes'],
        ['extent of the cameras', 'scene units', 3, 0, 1, 'extent'],
        ['roll-backs', '', 0, -1, 1, 'rollbacks'],
        ['splats dropped', '', 0, -1, 1, 'dropped_splats'],
        ['resumed from iteration', '', 0, 0, 1, 'resumed_from'],
   ];
-  // Returns whether the run was measured on images of another size than those of the first run. Then its PSNR
-  // is no better or worse: the same model has other figures on smaller images.
+  // Returns whether the run was measured on images of another size than those of the first run. If it was,
+  // its PSNR cannot be compared with that of the first run, because the same model has a different PSNR on
+  // smaller images.
   const otherSize = (r) => {
     const sizes = (view) => [0, r].map((run) => view.runs.find((own) => own.run === run)),
           different = ([a, b]) => a && b && (a.width !== b.width || a.height !== b.height),
@@ -229,15 +230,15 @@
     ];
     if (several)
       return [
-        note('Small figures: difference to the first run, green where that is better.'),
+        note('Small figures show the difference to the first run; green means better.'),
         table(headOf(''), rows)
       ];
     const half = Math.ceil(rows.length / 2);
     return [cards(runs[0]), of('side', table(null, rows.slice(0, half)), table(null, rows.slice(half)))];
   };
 
-  // Replaces every value by the mean of its neighbours within `reach`, with equally many on both sides. So
-  // values near the ends are not pulled towards their inner neighbours.
+  // Replaces every value by the mean of its neighbours within `reach`, with equally many on both sides.
+  // Values near the ends are therefore not pulled towards their inner neighbours.
   const smoothed = (points, reach) => points.map((point, i) => {
     const near = Math.min(reach, i, points.length - 1 - i), window = points.slice(i - near, i + near + 1);
     return {x: point.x, y: window.reduce((sum, p) => sum + p.y, 0) / window.length};
@@ -295,7 +296,7 @@
     return [
       legend(element('span', {class: 'choice'}, buttons)),
       of('charts', shown.map((curve) => curve.figure)),
-      note('The loss is that of the views of each step: pale as logged, bold as a running mean.'),
+      note('Pale lines show the logged loss of the views of each step, bold lines its running mean.'),
     ];
   };
 
@@ -435,15 +436,15 @@
            null);
 
   const kinds = {
-    spatial: 'spatial beta: low is smooth surface, high is fine texture',
-    angular: 'angular betas: low is diffuse, high depends on the view',
-    temporal: 'temporal beta: low stands still, high moves',
+    spatial: 'spatial beta: low values are smooth surfaces, high values are fine texture',
+    angular: 'angular betas: low values are diffuse, high values depend on the view',
+    temporal: 'temporal beta: low values are static, high values move',
   };
   const percent = (part) => `${Math.round(100 * part.low)} to ${Math.round(100 * part.high)} %`;
   const decomposition = () => (
       record.decompositions.length ?
           [
-            note('The splats of a range of quantiles of their betas, drawn alone.'),
+            note('Each part shows only the splats whose betas are in a range of quantiles.'),
             record.decompositions.map(
                 (d) =>
                     [element('h3', {}, labelled(d.run, `view ${d.view}, ${kinds[d.kind]}`)),
@@ -466,7 +467,7 @@
   const times = () =>
       (record.times.length ?
            [
-             note('The camera of the first view held still while time passes from 0 to 1.'),
+             note('The camera of the first view is fixed while time passes from 0 to 1.'),
              record.times.map(
                  (strip) =>
                      [several ? element('h3', {}, runLabel(strip.run)) : null,
@@ -555,7 +556,7 @@
     };
     return element(
         'div', {}, element('h3', {}, 'Time by stage'),
-        note('Estimated from sampled iterations; "other" is images, the host, and what runs between stages.'),
+        note('Estimated from sampled iterations. "other" is the rest: images, host, work between stages.'),
         table(headOf('stage'), stages.map((stage) => [stage, ...runs.map((run, r) => cell(run, r, stage))])));
   };
   const dataNotes = () => {
@@ -606,8 +607,8 @@
     const rows = unique(runs.flatMap((run) => Object.keys(dict(find(run, 'device')))))
                      .map((key) => textRow(key, 'device', key));
     return [table(
-        headOf('of training'),
-        [...rows, ['pictures of this page', ...runs.map((run) => run.drawn_on || nothing)]],
+        headOf('used for training'),
+        [...rows, ['images of this page', ...runs.map((run) => run.drawn_on || nothing)]],
         (r) => (r < rows.length && rows[r].slice(1).some((cell) => cell !== rows[r][1]) ? 'differ' : ''))];
   };
 

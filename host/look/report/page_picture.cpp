@@ -18,7 +18,7 @@ namespace ubs {
 namespace {
 
 // A PNG larger than kPngBytes becomes a JPEG of the first quality. Its errors are about 1/255, too small to
-// matter for viewing. The other qualities are used where the number of bytes is limited.
+// matter for viewing. The other qualities are used if the number of bytes is limited.
 constexpr std::array kJpegQualities{92, 80, 65, 50};
 constexpr std::size_t kPngBytes = 64 << 10;
 

@@ -17,7 +17,7 @@ namespace ubs {
 namespace {
 
 constexpr int kLongestSide = 1000, kLongestPart = 640, kLongestTime = 320;
-// Errors of this size or above get the brightest colour. Otherwise, an error of 1 would be white, and most
+// Errors of this size or above get the brightest colour. If the scale reached up to an error of 1, most
 // errors would look black.
 constexpr double kErrorTop = 0.25;
 constexpr std::size_t kBins = 48;

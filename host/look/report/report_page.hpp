@@ -16,7 +16,7 @@
 namespace ubs {
 
 struct ReportRun {
-  // The page shows the remarks of the record, with those of reading and rendering.
+  // The page shows the remarks of the record. They include remarks from reading the run and from rendering.
   RunRecord record;
   std::optional<MixedModel> model;  // without it, the page has no images or histograms of it
   RunDrawings drawings;
@@ -26,8 +26,8 @@ struct ReportRun {
 
 struct ReportPage {
   std::string html;
-  // The data that the page shows (docs/report.md). Images are numbers of entries in a list of data URIs,
-  // which is only in the page.
+  // The data that the page shows (docs/report.md). Each image is given as the index of an entry in a list of
+  // data URIs. Only the page contains this list.
   Json record;
   std::size_t pictures = 0, picture_bytes = 0;  // number of images, and bytes of their data URIs
 };

@@ -19,9 +19,9 @@ struct RunRecord {
   std::filesystem::path folder;
   std::string name;  // name of the folder
   Json metrics;      // metrics.json; null if it is missing
-  // As far as this version knows them, otherwise the defaults; with run_cameras.
+  // The settings that this version knows; all others have their default values. Includes run_cameras.
   TrainSettings settings;
-  // Texts as the run has them, including settings that this version does not know.
+  // The settings as texts, as the run has stored them, including settings that this version does not know.
   std::vector<std::pair<std::string, std::string>> setting_texts;
   Json log;                          // log.csv: one array per column, with null for empty fields
   std::vector<std::string> remarks;  // what is missing or could not be read
@@ -41,8 +41,8 @@ struct RunRecord {
 // metrics.json.
 RunRecord read_run(const std::filesystem::path& folder);
 
-// Returns the places where the data folder that a run names may be. A relative path is relative to the folder
-// in which training was started, to the working folder, or to the folder that contains the run.
+// Returns the possible locations of the data folder that a run has recorded. A relative path is relative to
+// the folder in which training was started, to the working folder, or to the folder that contains the run.
 std::vector<std::filesystem::path> data_places(const std::string& data, const std::filesystem::path& run);
 
 // Reads the columns that the first line names, in any order. Rows with fields that are not numbers are

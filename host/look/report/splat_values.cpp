@@ -73,7 +73,7 @@ void add_betas(Collector& out, const ModelVariant& variant) {
                "weight",
                variant.learnt_weights()
                    ? "sigmoid(lambda): how far the splat moves with the query"
-                   : "min(exp(b), 1): how far the splat moves with the query, 1 as a Gaussian",
+                   : "min(exp(b), 1): how far the splat moves with the query; 1: as far as a Gaussian",
                false,
                true,
                {}},
@@ -99,15 +99,15 @@ void add_scales(Collector& out, const ModelVariant& variant) {
     out.add(
         {name,
          unit,
-         direct ? "one over the diagonal of the precision's factor" : "width in the query",
+         direct ? "reciprocal of the diagonal of the precision factor" : "width in the query",
          true,
          false,
          {}},
         [which](Layout l) { return shifted(l.scale + 3, which(l)); },
         direct ? +[](double raw) { return 1 / softplus(raw); } : softplus);
   };
-  add("direction scale", "of a unit direction", directions);
-  add("time scale", "of the whole time", time);
+  add("direction scale", "relative to a unit direction", directions);
+  add("time scale", "relative to the whole time", time);
   add("further query scale", "query units", further);
 }
 
@@ -129,7 +129,7 @@ std::vector<SplatQuantity> splat_quantities(const MixedModel& model) {
   Collector out(model);
   const ModelVariant& variant = model.variant();
   out.add(
-      {"opacity", "base opacity", "before direction and time take their share", false, true, {}},
+      {"opacity", "base opacity", "before direction and time reduce it", false, true, {}},
       [](Layout l) {
         return Rows{l.opacity, 1};
       },
@@ -138,7 +138,7 @@ std::vector<SplatQuantity> splat_quantities(const MixedModel& model) {
   add_betas(out, variant);
   add_colours(out, variant);
   out.add(
-      {"time mean", "time, 0 to 1", "where in time the splats are", false, false, {}},
+      {"time mean", "time, 0 to 1", "position of the splats in time", false, false, {}},
       [](Layout l) { return shifted(l.mean, time(l)); }, unchanged);
   return out.take();
 }

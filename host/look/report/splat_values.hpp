@@ -21,8 +21,8 @@ struct SplatQuantity {
 
 // Returns the quantities of a model in this order: opacity, spatial scales, betas, conditioning weights,
 // query scales, colours, means of time. Quantities that the variant or the dimensions of the model do not
-// have are left out. So models of different variants give different lists, and quantities must be compared by
-// name.
+// have are omitted. Models of different variants therefore give different lists, so quantities must be
+// compared by name.
 std::vector<SplatQuantity> splat_quantities(const MixedModel& model);
 
 }  // namespace ubs

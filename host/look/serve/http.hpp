@@ -2,8 +2,8 @@
 // Http reads one HTTP request from a connected socket, checks that the sender is allowed to send it, and
 // answers it. The library cpp-httplib parses requests and writes answers. Http adds limits that the library
 // does not have: on the bytes and the time of a request, and on the time of an answer. No exception leaves
-// answer(). One connection carries one request, so nothing can be queued behind a request or hidden in its
-// body.
+// answer(). One connection carries one request, so a client can neither send further requests after the first
+// one nor hide one in its body.
 #pragma once
 
 #include <functional>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// This is the script of the page that shows a live training or model. The page holds the camera and the
-// server renders. The page requests one image at a time; when it has arrived, it requests the next one from
-// the newest camera. While something moves, images have as many pixels as the server can render a few times
-// per second; at rest, as many as it can render within seconds.
+// This is the script of the page that shows a live training or model. The page controls the camera, and the
+// server renders the images. The page requests one image at a time; when it has arrived, it requests the next
+// one from the newest camera. While something moves, images have as many pixels as the server can render a
+// few times per second; at rest, as many as it can render within seconds.
 'use strict';
 
 const MOVING_SECONDS = 0.25, REST_SECONDS = 5, REST_MS = 400, REFRESH_MS = 1000, MAX_PIXELS = 1 << 21;
@@ -113,7 +113,7 @@ class Live {
     const answer = await this.fetch('picture', post);
     if (answer.ok) return answer;
     this.closed = answer.status === 410;
-    const why = this.closed ? 'It has ended; this is the last picture.' : await answer.text();
+    const why = this.closed ? 'The program has ended; this is the last image.' : await answer.text();
     throw Object.assign(new Error(why), {again: answer.status === 503});
   }
 
@@ -140,7 +140,7 @@ class Live {
     } catch (error) {
       if (error.name === 'AbortError') throw error;
       this.lost = true;
-      const why = 'No connection: it has ended, or cannot be reached. This is the last picture.';
+      const why = 'No connection: the program has ended or cannot be reached. This is the last image.';
       throw Object.assign(new Error(why), {again: true});
     }
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Server sends a page, status data and images to browsers, using threads of its own. It does not know about
+// Server sends a page, status data and images to browsers, using threads of its own. It does not depend on
 // models: its owner calls serve(), which renders the image for the oldest request in the calling thread.
 // SECURITY.md describes the limits on connections, bytes and times, and which clients are allowed.
 #pragma once

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // ViewCamera is the viewer's camera: its position, its orientation (rows right, down, forward in the world),
-// the distance of its target in front of it, and its lens. Axes as in docs/data.md: x right, y down, z
-// forward.
+// the distance of its target in front of it, and its lens. The axes are those of docs/data.md: x right, y
+// down, z forward.
 'use strict';
 
 const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);

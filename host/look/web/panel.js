@@ -56,7 +56,7 @@ class Panel {
     });
     return element('div', {class: 'row'}, this.labelled('Channel', this.channel),
         this.labelled('Camera', this.cameras), this.labelled('Resolution', this.scale),
-        this.labelled('hold 30 frames a second', this.automatic));
+        this.labelled('keep 30 frames per second', this.automatic));
   }
 
   times() {
@@ -76,7 +76,7 @@ class Panel {
         this.labelled('Speed', this.speed));
   }
 
-  // Returns the folded controls that few visitors need: none for a model without betas.
+  // Returns the folded controls, which few viewers need. A model without betas has none.
   more(model) {
     if (model.betas.length === 0) return [];
     return [element('details', {class: 'more'}, element('summary', {}, 'More'), this.choices(model))];
@@ -124,7 +124,7 @@ class Panel {
     if (!last) return;
     const level =
         model.levels > 1 ? `Level ${model.level} of ${model.levels} (${model.psnr.toFixed(1)} dB): ` : '';
-    const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} frames a second` : '';
+    const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} frames per second` : '';
     this.facts.textContent =
         `${level}${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +
         `${last.drawn} drawn at ${viewer.picture.width} x ${viewer.picture.height}${rate}`;

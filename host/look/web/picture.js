@@ -83,7 +83,7 @@ class Picture {
     const floats = gl.getExtension('EXT_color_buffer_float');
     this.format = floats && gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     if (!floats && !gl.getExtension('EXT_color_buffer_half_float'))
-      throw new Error('This device cannot draw into floats.');
+      throw new Error('This device cannot render to floating-point framebuffers.');
     this.splats = this.program(SPLAT_VERTEX, SPLAT_FRAGMENT, ['size', 'depth', 'gaussian', 'alphaMin']);
     this.show = this.program(SHOW_VERTEX, SHOW_FRAGMENT, ['sums', 'background', 'channel', 'range']);
     this.buffer = gl.createBuffer();

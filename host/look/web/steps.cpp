@@ -21,7 +21,8 @@ constexpr std::size_t kSensitiveViews = 48;  // maximum number of views that H i
 constexpr int kTrials = 6;                   // maximum number of trials to scale the steps
 constexpr double kNear = 0.25;               // [dB] above the bound that counts as close enough
 constexpr double kMinRest = 0.02;            // minimum of 1 - opacity when computing the importance
-// In Base64, together with the viewer, a hundred cameras and the poster, this is a page of 300 KB.
+// Encoded in Base64, and together with the viewer, a hundred cameras and the poster, this gives a page of 300
+// KB.
 constexpr std::size_t kFirstLevelBytes = 105000;
 // Longest side [pixels] and number of bytes of the poster in a page.
 constexpr int kLongestPoster = 640;

@@ -18,12 +18,12 @@ struct ViewPsnr {
   double mean = 0, worst = 0;  // joint PSNR of pixels clamped to [0, 1], over the views [dB]
 };
 
-// How the steps are chosen: the rounding errors of the parameters are assumed to be independent. With steps
-// d, the squared error of the images is then sum H d^2 / 12, where H is the sum of the squared derivatives of
-// all pixels. One backward pass per view, with pixel gradients that are randomly +1 or -1, estimates H of
-// every parameter. Every row of parameters gets an equal share of the error, which is optimal if an entropy
-// coder follows. Splats that affect the images less have steps 2^k times as large. Finally, all steps are
-// scaled until the rendered images of all views reach `psnr` on average.
+// The steps are chosen as follows. The rounding errors of the parameters are assumed to be independent. With
+// steps d, the squared error of the images is then sum H d^2 / 12, where H is the sum of the squared
+// derivatives of all pixels. One backward pass per view, with pixel gradients that are randomly +1 or -1,
+// estimates H of every parameter. Every row of parameters gets an equal share of the error, which is optimal
+// if an entropy coder follows. Splats that affect the images less have steps 2^k times as large. Finally, all
+// steps are scaled until the rendered images of all views reach `psnr` on average.
 struct PackedForWeb {
   std::vector<std::byte> bytes;
   ViewPsnr psnr;

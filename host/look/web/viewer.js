@@ -235,7 +235,7 @@ class Viewer {
     const words = new URLSearchParams(location.hash.slice(1)),
           channel = CHANNELS.indexOf(words.get('channel'));
     if (words.has('view') && !this.camera.read(words.get('view')))
-      this.panel.say('The link does not hold a view.');
+      this.panel.say('The link does not contain a view.');
     if (channel >= 0) this.channel = channel;
   }
   async copyLink() {

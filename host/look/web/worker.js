@@ -35,7 +35,7 @@ async function inflate(bytes, size) {
     if (done) return out;
     if (at + value.length > size) {
       reader.cancel();
-      throw new Error('the model holds more than its header says');
+      throw new Error('the model contains more data than its header says');
     }
     out.set(value, at);
     at += value.length;
@@ -52,7 +52,8 @@ function gather(low, high, axis) {
   return v;
 }
 
-// Decodes a coordinate to steps from the centre. Far from it, each doubling of the distance doubles the step.
+// Decodes a coordinate to a number of steps from the centre. Far from the centre, the step doubles with each
+// doubling of the distance.
 function farSteps(code) {
   const beyond = Math.abs(code) - 8192;
   if (beyond < 0) return code;
@@ -225,8 +226,8 @@ function rotationMatrix(mode, a) {
 }
 
 // Returns the factor L of the covariance, with the lower limits of kernels/limits.h: its spatial rows M (3 x
-// F) and its query rows B (C x N). In the direct form (section 9) a row of B is a row of Theta followed by a
-// row of the factor of the precision.
+// F) and its query rows B (C x N). With direct conditioning (section 9), a row of B is a row of Theta
+// followed by a row of the factor of the precision.
 function factorOf(e, l, s) {
   const N = l.dim, scale = [];
   for (let k = 0; k < N; ++k) scale.push(softplus(e[l.scale + k]));
@@ -299,7 +300,7 @@ function factorise(B, N) {
   return {q, inverse};
 }
 
-// Returns column j of G in the direct form: s sum_i w_i (L L^T)_ij Theta_i, where s is the mean scale.
+// Returns column j of G with direct conditioning: s sum_i w_i (L L^T)_ij Theta_i, where s is the mean scale.
 function directColumn(B, j, weight, scale) {
   const G = [0, 0, 0];
   B.forEach((row, i) => {
@@ -311,8 +312,8 @@ function directColumn(B, j, weight, scale) {
 }
 
 // Prepares a group for slicing. `fixed` has `stride` floats per splat: position 3, opacity, beta, mean C,
-// exponents C, G 3C, inverse of Lh C(C+1)/2 (direct form: L by columns), colour. `covariance` is V (section
-// 2.3), which is the same for every query.
+// exponents C, G 3C, inverse of Lh C(C+1)/2 (with direct conditioning, L by columns), colour. `covariance` is
+// V (section 2.3), which is the same for every query.
 function prepare(group, s) {
   const l = group.layout, C = l.C, N = l.dim, n = group.count, colours = 3 * Math.max(l.harmonics, 1);
   const at = {mean: 5};
@@ -666,7 +667,7 @@ function show(level) {
 // Called when no further parts will arrive.
 function end() {
   if (!state.header || state.next < state.header.levels.length) throw new Error('the model is cut off');
-  if (state.surplus) throw new Error('the model holds more than its header says');
+  if (state.surplus) throw new Error('the model contains more data than its header says');
 }
 
 function choose(ranges) {

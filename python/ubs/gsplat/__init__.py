@@ -5,7 +5,7 @@ arguments and results. Scripts for gsplat can run on machines without CUDA. docs
     from ubs.gsplat import rasterization
     images, alphas, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, height)
 
-Other names of gsplat can be imported, but calling them raises UsageError with what to use instead (absent.py).
+Other names of gsplat can be imported, but calling them raises a UsageError that states what to use instead (absent.py).
 
 Requires PyTorch, but not gsplat. Thread-safe."""
 

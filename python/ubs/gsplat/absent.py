@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of gsplat 1.5 and 1.6 that ubs.gsplat does not have. Scripts may import them, because many import more than they
-use; a call is refused with what to use instead."""
+"""Names of gsplat 1.5 and 1.6 that ubs.gsplat does not have. Scripts can import them, because many scripts import more
+than they use. A call raises a UsageError that states what to use instead."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ INSTEAD = {name: instead for names, instead in _GROUPS for name in names.split()
 
 
 def refusing(module: str, name: str) -> Callable[..., NoReturn]:
-    """Returns a function that raises UsageError. AttributeError if gsplat has no such name either."""
+    """Returns a function that raises UsageError. Raises AttributeError if gsplat has no such name either."""
     if name not in INSTEAD:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
 
     def refuse(*_: Any, **__: Any) -> NoReturn:
-        raise UsageError(f"{name} is not there in ubs.gsplat: {INSTEAD[name]}")
+        raise UsageError(f"{name} does not exist in ubs.gsplat: {INSTEAD[name]}")
 
     refuse.__name__ = refuse.__qualname__ = name
     return refuse

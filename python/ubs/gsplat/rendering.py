@@ -131,7 +131,7 @@ def spherical_harmonics(
     degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Optional[Tensor] = None
 ) -> Tensor:
     """Returns colours (..., D) from coefficients (..., K, D) and directions (..., 3) of any length, for degrees 0 to 4.
-    Colours are 0 where masks (...) are False. Nothing is added: rasterization() adds 0.5 and clamps at 0."""
+    Colours are 0 where masks (...) are False. Unlike rasterization(), does not add 0.5 and does not clamp at 0."""
     if isinstance(degrees_to_use, bool) or degrees_to_use not in (0, 1, 2, 3, 4):
         raise UsageError(f"degrees_to_use={degrees_to_use} must be a whole number from 0 to 4")
     count = (int(degrees_to_use) + 1) ** 2
@@ -277,7 +277,7 @@ def _projected(
     planes: tuple[float, float],
     model: str,
 ) -> tuple[_Projected, tuple[int, ...]]:
-    """Checks the arguments and projects, with all batch dimensions joined. Also returns the batch dimensions."""
+    """Checks the arguments, joins all batch dimensions, and projects. Also returns the batch dimensions."""
     _choice("camera_model", model, CAMERA_MODELS)
     *batch, n, _ = _shape(means, "means", 2)
     cameras = _shape(viewmats, "viewmats", 3)[-3]
@@ -357,7 +357,7 @@ def fully_fused_projection(
 
 
 def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | None) -> list[Any]:
-    """Returns the tensors, of which the first is means, with sparse gradients. The caller adds the rows later."""
+    """Returns the tensors with sparse gradients. The first tensor is means. The caller adds the rows later."""
     if not packed:
         raise UsageError("sparse_grad=True requires packed=True")
     if isinstance(tensors[0], Tensor) and tensors[0].dim() != 2:
@@ -369,7 +369,7 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 
 
 class Meta(dict):  # type: ignore[type-arg]
-    """What rasterization() returns besides images and alphas, by gsplat's names."""
+    """The values that rasterization() returns in addition to images and alphas, by their names in gsplat."""
 
     def __missing__(self, key: str) -> Any:
         raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
@@ -420,9 +420,9 @@ def rasterization(
     means (..., N, 3); quats (..., N, 4), w first, of any length but 0; scales (..., N, 3); opacities (..., N), 0 to 1;
     colors (..., [C,] N, D) or, with sh_degree, coefficients of spherical harmonics (..., [C,] N, K, D) or (N, K, D);
     viewmats (..., C, 4, 4) from world to camera; Ks (..., C, 3, 3); backgrounds (..., C, D); covars (..., N, 3, 3)
-    instead of quats and scales. "..." are batch dimensions. N may be 0. extra_signals are further channels E, given like
-    colors; the dictionary has their images as render_extra_signals (..., C, height, width, E). Harmonics of colors are
-    clamped at 0, those of extra_signals are not.
+    instead of quats and scales. "..." are batch dimensions. N may be 0. extra_signals are E further channels, which are
+    passed in the same way as colors; the dictionary contains their images as render_extra_signals (..., C, height,
+    width, E). Harmonics of colors are clamped at 0, but those of extra_signals are not.
 
     Returns images (..., C, height, width, X), alphas (..., C, height, width, 1) and a dictionary. X is D; D + 1 in the
     modes RGB+D and RGB+ED, whose last channel is the depth; and 1 in D and ED. The dictionary has means2d, whose
@@ -431,9 +431,9 @@ def rasterization(
 
     With `absgrad`, backward() stores in the attribute means2d.absgrad the sums over the pixels of the absolute values of
     their contributions to the gradient of means2d (AbsGS, Ye et al. 2024). As in gsplat, each chunk of channel_chunk
-    channels is summed separately; more than 3 channels require that it is 3 or less, unless no gradients are recorded.
-    With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and covars are sparse tensors (COO) of the Gaussians
-    that are in an image.
+    channels is summed separately. With more than 3 channels, channel_chunk must be at most 3, unless no gradients are
+    recorded. With `sparse_grad`, which requires `packed`, the gradients of means, quats, scales and covars are sparse
+    tensors (COO) of the Gaussians that are in an image.
 
     channel_chunk, segmented and tile_size determine how gsplat divides its work; they have no effect on pixels.
     `device`, which gsplat does not have, is the ubs device that renders: a number, "gpu", or a part of a name."""
@@ -487,7 +487,7 @@ def rasterization(
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
     if channel_chunk < 1:
         raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
-    chunk = min(channel_chunk, 3)  # of absolute gradients
+    chunk = min(channel_chunk, 3)  # number of channels per sum of absolute gradients
     if absgrad:
         recorded = torch.is_grad_enabled() and any(t.requires_grad for t in (means2d, factor, values, strength))
         if recorded and values.shape[-1] > 3 and channel_chunk > 3:
@@ -562,7 +562,7 @@ def _shaded(
     """Returns colours (B, C, N, D), or (nnz, D) of the chosen Gaussians, not clamped. `name` is that of the argument."""
     n, flat = means.shape[-2], math.prod(batch)
     shape = _shape(colors, name, 2 if degree is None else 3)
-    if degree is not None and len(shape) == 3 and batch:  # the same for all of the batch
+    if degree is not None and len(shape) == 3 and batch:  # the same colours for the whole batch
         colors = colors.expand(*batch, *shape)
     last = shape[-1:] if degree is None else shape[-2:]
     _check(name, colors, (*batch, n, *last), (*batch, cameras, n, *last), like=means)
@@ -585,7 +585,7 @@ def _shaded(
 def _grounds(
     backgrounds: Tensor | None, means: Tensor, batch: tuple[int, ...], cameras: int, channels: int, extra: int, mode: str
 ) -> list[Tensor] | None:
-    """Returns the background of each image; that of depths, and of extra signals unless it is given, is 0."""
+    """Returns the background of each image. It is 0 for depths, and also for extra signals unless it is passed."""
     if backgrounds is None or "RGB" not in mode:
         return None
     wanted = channels - ("D" in mode)

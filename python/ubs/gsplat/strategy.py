@@ -110,13 +110,13 @@ class DefaultStrategy(Strategy):
     grow_grad2d: float = 0.0002
     """Mean gradient of the centre, in units of half the image size, above which a Gaussian is copied or split."""
     grow_scale3d: float = 0.01
-    """Size, relative to the scene, up to which it is copied."""
+    """Size, relative to the scene, up to which a Gaussian is copied."""
     grow_scale2d: float = 0.05
-    """Radius, relative to the image, above which it is split; see refine_scale2d_stop_iter."""
+    """Radius, relative to the image, above which a Gaussian is split; see refine_scale2d_stop_iter."""
     prune_scale3d: float = 0.1
-    """Size, relative to the scene, above which it is removed after opacities have been reset."""
+    """Size, relative to the scene, above which a Gaussian is removed after opacities have been reset."""
     prune_scale2d: float = 0.15
-    """Radius, relative to the image, above which it is removed; see refine_scale2d_stop_iter."""
+    """Radius, relative to the image, above which a Gaussian is removed; see refine_scale2d_stop_iter."""
     refine_scale2d_stop_iter: int = 0
     """Step until which radii in the image are considered; 0: never."""
     refine_start_iter: int = 500
@@ -131,8 +131,7 @@ class DefaultStrategy(Strategy):
     rasterization(..., absgrad=True)."""
     revised_opacity: bool = False
     """Choose the opacities of the two parts of a split Gaussian so that together they are as opaque as before (Rota
-    Bulo
-    et al. 2024)."""
+    Bulo et al. 2024)."""
     verbose: bool = False
     key_for_gradient: str = "means2d"
 
@@ -254,8 +253,9 @@ def relocated(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor
 
 @dataclass
 class MCMCStrategy(Strategy):
-    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024). Nearly transparent Gaussians move to
-    others, which are chosen by opacity; new ones are added in the same way; noise moves those that are not opaque."""
+    """3D Gaussian Splatting as Markov Chain Monte Carlo (Kheradmand et al. 2024). Nearly transparent Gaussians are
+    moved to the positions of others, which are chosen by opacity. New Gaussians are added in the same way. Noise moves
+    the Gaussians that are not opaque."""
 
     cap_max: int = 1_000_000
     """Maximum number of Gaussians."""
@@ -267,7 +267,7 @@ class MCMCStrategy(Strategy):
     """First step without noise; -1: noise is added in all steps."""
     refine_every: int = 100
     min_opacity: float = 0.005
-    """Gaussians with at most this opacity move to others."""
+    """Gaussians with at most this opacity are moved to the positions of others."""
     verbose: bool = False
     noise_opacity_t: float = 0.005
     """Opacity at which the noise has half of its strength."""
@@ -316,8 +316,8 @@ class MCMCStrategy(Strategy):
         return len(dead)
 
     def _share(self, params: Parameters, optimizers: Optimizers, among: Tensor, number: int) -> Tensor:
-        """Chooses Gaussians by opacity, and sets their opacities and scales so that they share these with their
-        copies."""
+        """Chooses Gaussians by opacity. Sets their opacities and scales so that each of them looks as before together
+        with its copies, which the caller makes."""
         opacities = torch.sigmoid(params["opacities"])
         sums = opacities.flatten()[among].double().cumsum(0)
         at = torch.rand(number, dtype=torch.float64, device=sums.device) * sums[-1]

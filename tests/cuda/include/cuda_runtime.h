@@ -157,13 +157,13 @@ enum cudaError_t {
 enum cudaMemcpyKind { cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
 constexpr unsigned cudaStreamNonBlocking = 1, cudaEventDefault = 0, cudaEventDisableTiming = 2;
 struct CUstream_st {
-  std::deque<std::function<void()>> waiting;  // given and not run yet, of a stream that is late
-  std::size_t done = 0;                       // calls
+  std::deque<std::function<void()>> waiting;  // calls of a late stream that have not run yet
+  std::size_t done = 0;                       // number of calls that have run
   std::size_t given() const { return done + waiting.size(); }
 };
 struct CUevent_st {
   std::chrono::steady_clock::time_point time;
-  CUstream_st* stream = nullptr;  // that it was recorded on, behind so many calls
+  CUstream_st* stream = nullptr;  // on which the event was recorded, after `behind` calls
   std::size_t behind = 0;
 };
 using cudaStream_t = CUstream_st*;
