@@ -83,9 +83,9 @@ int run(EvalOptions& options) {
   Metrics metrics = evaluate(session.device(), session.stages(), session.renderer(), session.model().view(),
                              session.settings(), split.views, targets, 0, &more, options.appearance, ranks());
   if (!first) return 0;
-  metrics.wide_images = measure_wide_images(session.device(), session.stages(), session.renderer(),
-                                            session.model().view(), session.settings(), split.views,
-                                            cameras_of(split), &more, options.appearance);
+  metrics.wide_images =
+      measure_wide_images(session.device(), session.stages(), session.renderer(), session.model().view(),
+                          session.settings(), split.views, cameras_of(split), &more, options.appearance);
   add_mean(metrics);
   if (const std::string& from = settings.run_cameras; !from.empty() && split.name != "train")
     if (const std::vector<Camera> fitted = run_cameras(from, split, loaded.offset); !fitted.empty())
@@ -120,9 +120,10 @@ int run(EvalOptions& options) {
   for (const ViewMetrics& view : metrics.views) say("{:<24} {}\n", view.name, metrics_text(view));
   for (const ViewMetrics& image : metrics.wide_images)
     say("{:<24} {} (wide image, in its own lens)\n", image.name, metrics_text(image));
-  const std::string wide = metrics.wide_images.empty()
-                               ? ""
-                               : fmt::format(" ({} wide images in place of their views)", metrics.wide_images.size());
+  const std::string wide =
+      metrics.wide_images.empty()
+          ? ""
+          : fmt::format(" ({} wide images in place of their views)", metrics.wide_images.size());
   say("{} views of '{}'{}: {}; {}, {:.2f} s on {}\n", metrics.views.size(), options.split, wide,
       metrics_text(metrics.mean), to_string(model), seconds, describe(session.device().info()));
   if (rate.views > 0)

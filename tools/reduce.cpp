@@ -235,9 +235,10 @@ int run(ReduceOptions& options) {
   Session session(options);
   const MixedModel& model = session.model();
   if ((!Slicer::knows(model.variant()) || model.variant().direct()) && options.only != "splats")
-    warn("only splats are removed, because removing dimensions requires a model of the published variant "
-         "({})",
-         to_string(model.variant()));
+    warn(
+        "only splats are removed, because removing dimensions requires a model of the published variant "
+        "({})",
+        to_string(model.variant()));
   const Contributions contributions = session.contributions();
   session.note("measuring the effect of the dimensions of {} splats", model.count());
   const std::vector<Camera> train_cameras = cameras_of(session.train());

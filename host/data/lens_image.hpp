@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// LensImage composes panoramas and fisheye images. The rasteriser supports only pinhole cameras, so it renders
-// the faces of a cube around the camera (host/data/undistort.hpp), and compose() resamples them to the image.
+// LensImage composes panoramas and fisheye images. The rasteriser supports only pinhole cameras, so it
+// renders the faces of a cube around the camera (host/data/undistort.hpp), and compose() resamples them to
+// the image.
 #pragma once
 
 #include <array>

@@ -54,9 +54,8 @@ class UsdSplatReader {
     if (!splats) refuse();
     if (others > 0) splats->report.note(fmt::format("{} prims without splats are not used", others));
     if (!layer_.arcs.empty())
-      splats->report.note(
-          fmt::format("composition arcs that are not followed: {}",
-                      list_names({layer_.arcs.begin(), layer_.arcs.end()})));
+      splats->report.note(fmt::format("composition arcs that are not followed: {}",
+                                      list_names({layer_.arcs.begin(), layer_.arcs.end()})));
     if (!turned_) splats->report.note("the z axis points up: coordinates are not converted");
     note_units(*splats);
     note_time(*splats, time.has_value());

@@ -73,7 +73,8 @@ inline std::vector<std::vector<std::uint32_t>> views_by_image(const std::vector<
   std::map<std::string, std::size_t> wide;
   for (std::uint32_t i = 0; i < views.size(); ++i) {
     const std::string& image = views[i].part_of;
-    const auto [at, added] = image.empty() ? std::pair(wide.end(), true) : wide.try_emplace(image, images.size());
+    const auto [at, added] =
+        image.empty() ? std::pair(wide.end(), true) : wide.try_emplace(image, images.size());
     if (added) images.emplace_back();
     (added ? images.back() : images[at->second]).push_back(i);
   }

@@ -87,9 +87,16 @@ TrainSettings in_unit(TrainSettings settings) {
 Split in_unit(const Split& split, double unit) {
   Split out{split.name, {}};
   for (const View& view : split.views) {
-    View& scaled =
-        out.views.emplace_back(View{view.name, view.camera, {}, view.source, view.masked, view.opaque,
-                                    view.part_of, view.wide, view.turn_in_wide, view.file});
+    View& scaled = out.views.emplace_back(View{view.name,
+                                               view.camera,
+                                               {},
+                                               view.source,
+                                               view.masked,
+                                               view.opaque,
+                                               view.part_of,
+                                               view.wide,
+                                               view.turn_in_wide,
+                                               view.file});
     scale_lengths(scaled.camera, 1 / unit);
     if (!view.source && view.has_image()) scaled.source = std::make_shared<HeldImage>(view.image);
   }

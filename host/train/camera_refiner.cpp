@@ -122,7 +122,8 @@ void CameraRefiner::sweep(const Drawing& drawing, int factor, double done) {
     for (std::size_t i = 0; i < cameras_.size(); ++i)
       if (lens_[i] == i && has_own_lens(i)) refine_lens(drawing, factor, i);
   for (const auto& views : images_) {
-    const std::vector<Camera> cameras = refined(drawing, factor, views, kFirstRidge * (1 - done) * (1 - done));
+    const std::vector<Camera> cameras =
+        refined(drawing, factor, views, kFirstRidge * (1 - done) * (1 - done));
     for (std::size_t k = 0; k < views.size(); ++k) cameras_[views[k]] = cameras[k];
   }
   hold_gauge(cameras_, given_);

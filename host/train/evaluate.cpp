@@ -69,7 +69,8 @@ void check_finite(std::span<const float, 8> sums, const std::string& view) {
   for (const float value : sums.first<5>())
     if (!std::isfinite(value))
       fail(ErrorKind::numerical,
-           "the render of view '{}' contains values that are not finite: check the model with 'ubs info'", view);
+           "the render of view '{}' contains values that are not finite: check the model with 'ubs info'",
+           view);
 }
 
 FittedMetrics fitted_metrics(std::span<const float, 8> sums) {
@@ -78,19 +79,21 @@ FittedMetrics fitted_metrics(std::span<const float, 8> sums) {
 }
 
 // Compares a composed image, which is in host memory, with its file, which has a mask.
-ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name, const RenderedView& composed,
-                         const Image8& file, ImageMetrics* more, Appearance fit) {
+ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name,
+                         const RenderedView& composed, const Image8& file, ImageMetrics* more,
+                         Appearance fit) {
   const ImageShape shape{composed.width, composed.height};
   Buffer<float> values(device, "composed image", 3 * shape.plane()), sums(device, "metric sums", 8);
   values.upload(padded_planes(planar(composed.rgb), shape));
   Buffer<std::uint8_t> image(device, "wide image", file.rgb.size()), mask(device, "mask", file.mask.size());
   image.upload(planar(file.rgb));
   mask.upload(file.mask);
-  const Compared compared{shape,
-                          values.view(),
-                          {image.view(), mask.view(),
-                           static_cast<std::uint32_t>(file.mask.size() - static_cast<std::size_t>(
-                                                                             std::ranges::count(file.mask, 0)))}};
+  const Compared compared{
+      shape,
+      values.view(),
+      {image.view(), mask.view(),
+       static_cast<std::uint32_t>(file.mask.size() -
+                                  static_cast<std::size_t>(std::ranges::count(file.mask, 0)))}};
   ImageLoss loss{.shape = shape,
                  .image = values.view(),
                  .target = image.view(),
@@ -181,7 +184,8 @@ std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Ren
       images.push_back(compare_wide(device, stages, view.part_of, composed, view.wide->load(), more, fit));
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
-      warn_once(fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
+      warn_once(
+          fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
     }
   }
   return images;
@@ -200,8 +204,8 @@ void add_mean(Metrics& metrics) {
   metrics.mean = {.name = "mean"};
   std::vector<ViewMetrics> images = metrics.wide_images;
   for (const ViewMetrics& view : metrics.views)
-    if (view.part_of.empty() || std::ranges::find(metrics.wide_images, view.part_of, &ViewMetrics::name) ==
-                                    metrics.wide_images.end())
+    if (view.part_of.empty() ||
+        std::ranges::find(metrics.wide_images, view.part_of, &ViewMetrics::name) == metrics.wide_images.end())
       images.push_back(view);
   if (images.empty()) return;
   const double weight = 1 / static_cast<double>(images.size());
@@ -276,8 +280,7 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const DrawV
       loss.sums_offset += static_cast<std::uint32_t>(8 * views.size());
       stages.image_loss(loss);
     }
-    if (more)
-      measure_more(device, *more, {renderer.shape(), renderer.image(), target}, metrics.views[i]);
+    if (more) measure_more(device, *more, {renderer.shape(), renderer.image(), target}, metrics.views[i]);
   }
   std::vector<float> values = sums.download();
   ranks.merge(values);

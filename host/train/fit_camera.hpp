@@ -76,8 +76,8 @@ class PoseFit {
   double squares(const Camera& camera);
   // Renders every part from every camera of the first part.
   void draw(std::span<const Camera> cameras);
-  // Calls visit(renders, i, truth) for all values i of the photograph that are not masked, where `renders` are
-  // those of the part that contains the value.
+  // Calls visit(renders, i, truth) for all values i of the photograph that are not masked, where `renders`
+  // are those of the part that contains the value.
   template <typename Visit>
   void for_values(Visit visit) const;
 

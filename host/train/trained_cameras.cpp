@@ -53,7 +53,8 @@ std::vector<ViewMetrics> TrainedCameras::wide_metrics(const std::vector<Camera>&
 }
 
 void TrainedCameras::measure_wide(Metrics& metrics, ImageMetrics* more, Appearance fit) {
-  if (std::ranges::none_of(views_.test().views, [](const View& view) { return view.wide != nullptr; })) return;
+  if (std::ranges::none_of(views_.test().views, [](const View& view) { return view.wide != nullptr; }))
+    return;
   metrics.wide_images = wide_metrics(test(), more, fit);
   add_mean(metrics);
 }

@@ -159,7 +159,7 @@ class Trainer {
   bool look();
   void loss_not_finite(std::uint64_t draw);
   void answer(const NonFiniteEvent& event, TrainState state);
-  bool at_point() const;  // whether the time budget must set the next point now
+  bool at_point() const;                   // whether the time budget must set the next point now
   void set_pace(bool any_change = false);  // see BudgetPace::advance()
 
   const TimeSource& time_;

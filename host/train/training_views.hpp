@@ -90,8 +90,9 @@ class TrainingViews {
   int factor_ = 1;  // present factor of the cameras and targets
   TargetImages targets_;
   ViewOrder order_, ahead_;  // ahead_ is used for future draws, which may be in the next epoch
-  // The appearance belongs to a photograph, so the views of a wide image share one. appearance_ is that of all
-  // photographs, and v_appearance_ is the gradient of a batch. Both are empty if the appearance is not learnt.
+  // The appearance belongs to a photograph, so the views of a wide image share one. appearance_ is that of
+  // all photographs, and v_appearance_ is the gradient of a batch. Both are empty if the appearance is not
+  // learnt.
   std::vector<std::uint32_t> image_of_;  // number of the photograph of each view
   std::uint32_t images_ = 0;
   Buffer<float> appearance_, v_appearance_;

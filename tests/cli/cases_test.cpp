@@ -66,8 +66,8 @@ const std::vector<DataCase> kData{
     {"24-nan-camera", 8, 33.60, 200, 0, "1 skipped: its pose or camera|1 skipped: its parameters"},
     {"25-llff-macos", 9, 33.73, 0, 0, ""},
     {"26-dark-on-black", 36, 0, 0, 0, ""},
-    // The images of this case are wrong beyond 90 degrees, and the control has no views of the space behind its
-    // cameras.
+    // The images of this case are wrong beyond 90 degrees, and the control has no views of the space behind
+    // its cameras.
     {"27-fisheye-220", 54, 22.75, 200, 45, "9 wide images|54 pinhole views|(0 % of the image"},
     {"28-blender-test-pictures-gone", 6, 33.59, 0, 0, "no test split: none of the 3 images|'./test/r_6.png'"},
     {"31-float-colours", 9, 33.73, 200, 0, ""},

@@ -321,8 +321,7 @@ TEST_CASE("splats start where the images agree, and config.yaml reproduces this"
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out c --iterations 1 --init-points 70").out,
              Contains("begins   70 splats") && !Contains("initial points found"));
-  CHECK_THAT(ubs_ok(folder, "train --help").out,
-             Contains("auto: triangulate points from the images"));
+  CHECK_THAT(ubs_ok(folder, "train --help").out, Contains("auto: triangulate points from the images"));
 }
 
 TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {

@@ -567,8 +567,7 @@ TEST_CASE("formats: small files that announce huge models are rejected", "[forma
   };
   CHECK_THAT(sog("{\"version\":2,\"count\":1,\"x\":[" + std::string(2'000'000, ' ') + "]}"),
              Contains("meta.json: 2000") && Contains("at most 1048576"));
-  CHECK_THAT(sog("{\"version\":2,\"count\":100000}"),
-             Contains("100000 splats cannot be stored in"));
+  CHECK_THAT(sog("{\"version\":2,\"count\":100000}"), Contains("100000 splats cannot be stored in"));
 
   // Adds a second primitive that shares all accessors of the first, and then up to 40 of them.
   write_glb(folder / "a.glb", random_splats(100, 0));

@@ -147,8 +147,7 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
       const RenderedView view = renderer.download();
       parts.push_back({{view.width, view.height, {}, {}}, truth.views[i].camera});
       for (const float v : view.rgb)
-        parts[i].image.rgb.push_back(
-            static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0f, 1.0f))));
+        parts[i].image.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(v, 0.0f, 1.0f))));
     }
     const CameraMove error{0.02, -0.02, 0.01, 0.01, 0.02, -0.01};
     const std::vector<Camera> start = cameras_of_parts(moved(scene.camera, error, 3), parts);
@@ -156,8 +155,7 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
       CHECK(length(Vec3(start[i].centre()) - start[0].centre()) < 1e-6);  // rotations are rounded to float
       parts[i].camera = start[i];
     }
-    const std::vector<Camera> found =
-        cameras_of_parts(fit_camera(drawing, parts, 3).camera, parts);
+    const std::vector<Camera> found = cameras_of_parts(fit_camera(drawing, parts, 3).camera, parts);
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const Camera& right = truth.views[i].camera;
       const Vec3 away = Vec3(found[i].centre()) - right.centre();

@@ -122,8 +122,7 @@ TEST_CASE("background: random colours make opaque images opaque splats", "[sky]"
       own[on] = trainer.evaluate_test().mean.psnr;
       white[on] = on_another_background(*device, trainer, settings, data);
     }
-    INFO(own[0] << " dB, " << white[0] << " dB on white; with random colours " << own[1] << ", "
-                << white[1]);
+    INFO(own[0] << " dB, " << white[0] << " dB on white; with random colours " << own[1] << ", " << white[1]);
     CHECK(white[0] < own[0] - 6);
     CHECK(white[1] > own[1] - 1.5);  // 0.9 dB here
     CHECK(own[1] > own[0] - 2.5);    // 1.6 dB here, where the whole background needs splats

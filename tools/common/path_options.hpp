@@ -41,8 +41,8 @@ class PathOptions {
   double fps() const { return fps_; }
   // Returns the size that the user chose with --size.
   std::optional<ImageSize> size() const;
-  // Throws Error(usage) if an option of paths is given without --path. --time is always allowed, --path-frames
-  // is allowed with --hold, and --size is allowed if `sized` is set.
+  // Throws Error(usage) if an option of paths is given without --path. --time is always allowed,
+  // --path-frames is allowed with --hold, and --size is allowed if `sized` is set.
   void check_unused(bool sized = false) const;
   // Returns the views frame_0000, ... in the coordinates of the model. `cameras` are those of the data and
   // may be empty. `even`: rounds an image size down to even numbers if the user did not choose it.
