@@ -13,6 +13,7 @@
 #include "host/data/align_cameras.hpp"
 #include "host/data/foreign_formats.hpp"
 #include "host/data/triangulate.hpp"
+#include "host/scene/camera_motion.hpp"
 #include "host/scene/choose_dim.hpp"
 #include "host/scene/extent.hpp"
 #include "host/scene/frustum_points.hpp"
@@ -150,7 +151,13 @@ void align(Dataset& data, Split& train) {
         fmt::format("{} cameras are not aligned before training, because at most {} can be aligned",
                     train.views.size(), kMaxAlignedViews));
   if (found.aligned == 0) return;
-  for (std::size_t v = 0; v < train.views.size(); ++v) train.views[v].camera = found.cameras[v];
+  for (const auto& views : views_by_image(train.views)) {
+    std::vector<Camera> given, aligned;
+    for (const std::uint32_t v : views)
+      given.push_back(train.views[v].camera), aligned.push_back(found.cameras[v]);
+    if (views.size() > 1) aligned = moved_together(given, aligned);
+    for (std::size_t k = 0; k < views.size(); ++k) train.views[views[k]].camera = aligned[k];
+  }
   data.report.notes.push_back(
       fmt::format("aligned {} of {} cameras with {} points found in their images: the reprojection error "
                   "fell to {:.2f} pixels from {:.2f}",

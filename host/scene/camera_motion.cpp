@@ -60,6 +60,21 @@ CameraMove pose_move(const Camera& from, const Camera& to, double depth) {
   return {w[0], w[1], w[2], shift[0], shift[1], shift[2]};
 }
 
+std::vector<Camera> moved_together(std::span<const Camera> given, std::span<const Camera> moved) {
+  const double part = 1 / static_cast<double>(given.size());
+  Vec3 turn{}, centre{};
+  for (std::size_t i = 0; i < given.size(); ++i) {
+    turn = turn + part * turn_of(product(transposed(given[i].rotation), moved[i].rotation));
+    centre = centre + part * Vec3(moved[i].centre());
+  }
+  std::vector<Camera> together(given.begin(), given.end());
+  for (Camera& camera : together) {
+    camera.rotation = product(camera.rotation, rotation_by(turn));
+    camera.translation = -1.0 * rotated(camera.rotation, centre);
+  }
+  return together;
+}
+
 void hold_gauge(std::vector<Camera>& cameras, std::span<const Camera> given) {
   Vec3 mean_turn{};
   for (std::size_t i = 0; i < cameras.size(); ++i)

@@ -26,6 +26,10 @@ Camera moved(const Camera& camera, const CameraMove& move, double depth);
 // Returns the motion from the pose of `from` to that of `to`. The numbers of the lens are 0.
 CameraMove pose_move(const Camera& from, const Camera& to, double depth);
 
+// Returns the given cameras, which have the same position, after one rotation about it and one shift. Both
+// are the mean of those that lead from the given cameras to `moved`. Used for the views of a wide image.
+std::vector<Camera> moved_together(std::span<const Camera> given, std::span<const Camera> moved);
+
 // A rotation, shift and scaling of the whole world changes no image, so it can be chosen freely. This
 // function transforms all cameras together so that their mean rotation relative to the given cameras is 0,
 // and their mean centre and mean squared distance from it are those of the given cameras.

@@ -204,7 +204,7 @@ AdamStep Trainer::next_step() {
 void Trainer::learn_appearances() {
   passes_->merge(views_.appearance_gradients(), kAppearanceNumbers);
   const std::uint64_t first = views_.first_draw(progress_.iteration);
-  const double rate = schedule_.appearance_rate(progress_.iteration, views_.train().views.size());
+  const double rate = schedule_.appearance_rate(progress_.iteration, views_.images());
   for (std::uint64_t draw = first; draw < first + views_.batch(); ++draw)
     if (!progress_.skipped_draws.contains(draw))
       views_.learn_appearance(*stages_, draw, rate, guard_.sentinel(),

@@ -28,16 +28,16 @@ TrainingViews::TrainingViews(Device& device, const TrainSettings& settings, cons
       levels_(pyramid_levels(settings, train)),
       targets_(device, kTargetBudgetBytes, static_cast<std::size_t>(settings.image_cache_mb) << 20),
       order_(settings.seed, static_cast<std::uint32_t>(train.views.size())),
-      ahead_(order_) {
+      ahead_(order_),
+      image_of_(train.views.size()) {
+  const auto images = views_by_image(train.views);
+  images_ = static_cast<std::uint32_t>(images.size());
+  for (std::uint32_t i = 0; i < images_; ++i)
+    for (const std::uint32_t view : images[i]) image_of_[view] = i;
   if (train.views.empty()) fail(ErrorKind::data, "there are no training views");
   targets_.add(train);
   targets_.add(test);
   if (settings.appearance == Appearance::none) return;
-  const auto images = views_by_image(train.views);
-  images_ = static_cast<std::uint32_t>(images.size());
-  image_of_.resize(train.views.size());
-  for (std::uint32_t i = 0; i < images_; ++i)
-    for (const std::uint32_t view : images[i]) image_of_[view] = i;
   appearance_ = Buffer<float>(device, "appearance", std::size_t{images_} * kAppearanceState);
   appearance_.zero();
   v_appearance_ = Buffer<float>(device, "appearance gradients", batch_ * kAppearanceNumbers);

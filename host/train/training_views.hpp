@@ -28,6 +28,7 @@ class TrainingViews {
   const Split& train() const { return train_; }
   const Split& test() const { return test_; }
   TargetImages& targets() { return targets_; }
+  std::uint32_t images() const { return images_; }  // number of training photographs
   std::uint64_t batch() const { return batch_; }
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
@@ -94,7 +95,7 @@ class TrainingViews {
   // all photographs, and v_appearance_ is the gradient of a batch. Both are empty if the appearance is not
   // learnt.
   std::vector<std::uint32_t> image_of_;  // number of the photograph of each view
-  std::uint32_t images_ = 0;
+  std::uint32_t images_;
   Buffer<float> appearance_, v_appearance_;
   std::optional<CameraRefiner> refiner_;
 };

@@ -155,6 +155,12 @@ TEST_CASE("one pose is fitted to all views of a wide image", "[cameras]") {
       CHECK(length(Vec3(start[i].centre()) - start[0].centre()) < 1e-6);  // rotations are rounded to float
       parts[i].camera = start[i];
     }
+    // The mean of the same motion of all views is this motion.
+    const std::vector<Camera> given = cameras_of(truth), together = moved_together(given, start);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      CHECK(length(Vec3(together[i].centre()) - start[i].centre()) < 1e-6);
+      CHECK(length(turn_of(product(together[i].rotation, transposed(start[i].rotation)))) < 1e-6);
+    }
     const std::vector<Camera> found = cameras_of_parts(fit_camera(drawing, parts, 3).camera, parts);
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const Camera& right = truth.views[i].camera;
