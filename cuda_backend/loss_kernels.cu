@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The image loss (kernels/gpu/loss.cl), without and with a mask, and the kernels of the appearance of
-// photographs.
+// This file contains the kernels of the image loss (kernels/gpu/loss.cl), without and with a mask, and those
+// of the appearance of photographs (kernels/map/appearance.cl).
 #include <cuda_runtime.h>
 #include <math.h>
 

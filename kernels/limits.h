@@ -36,8 +36,8 @@
 // A query scale is at least this factor times the length of the rest of its row of [Lqx, Lq]. (This is the lower bound
 // of the pivots of method.md 3.5, applied to the parameter.) Without it, a splat could move by more than 167 times its
 // own size while the query passes through its support. With this value the sweeps `coupled` to `coupled_time` with
-// seeds 1 to 10 have errors of at most 8.1e-4; with 3e-3 they have 1.4e-3, and with 1e-3 1.2e-2
-// (docs/results/2026-11-20-stability-sweeps.md).
+// seeds 1 to 10 have errors of at most 8.1e-4. The largest error is 1.4e-3 for a factor of 3e-3, and 1.2e-2 for a
+// factor of 1e-3 (docs/results/2026-11-20-stability-sweeps.md).
 #define UBS_QUERY_SCALE_RELATIVE R(6e-3)
 // The same bound in mode `whiten`. The largest error of the sweeps `whiten_large` and `whiten_mixed` with seeds 1 to 20
 // is 1.2e-3 with 6e-3 and 7.3e-4 with 8e-3.
@@ -51,8 +51,8 @@
 // The factor is used only while the sum of the absolute entries of K' is below this limit (the sum is 3 for K' = I).
 // K' has an error of 1e-7 times this sum in every direction, and the splat that it is applied to is very thin in one of
 // them. Of 30 000 random models with strong coupling and query weights below 1, 58 fail with a limit of 120, 15 with 30,
-// 3 with 8 and 2 with 4. If divisions have errors of 3 ulp, 302, 94, 29 and 21 fail
-// (docs/results/2026-11-28-disturbed-division.md).
+// 3 with 8 and 2 with 4. If divisions have errors of 3 ulp, the numbers of failures with these four limits are 302,
+// 94, 29 and 21 (docs/results/2026-11-28-disturbed-division.md).
 #define UBS_COUPLED_SHRINK R(4.0)
 // Direct conditioning: if a row of the precision's factor L is longer than this, the view direction is computed with a
 // correction for its rounding errors (direction_rest() of splat.h). The mean moves by L L^T x, so that an error of half

@@ -207,8 +207,9 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   if (one_file) {
     // Splats that are invisible at some times are kept until all time samples are known.
     if (!distiller) reduce.least_opacity = 0;
-    remarks.push_back(fmt::format("{} time samples from time 0 to 1, opacity over directions: {}", moments,
-                                  options.opacity));
+    remarks.push_back(
+        fmt::format("{} time samples from time 0 to 1; rule for the opacity over all view directions: {}",
+                    moments, options.opacity));
   } else if (format.write_series && model.has_time()) {
     remarks.emplace_back(
         "the model depends on time, but the file contains only one time sample: store K of them with "
@@ -412,7 +413,8 @@ Command add_convert(CLI::App& root) {
           ->type_name("T");
   options->opacity_option =
       app->add_option("--opacity", options->opacity,
-                      "opacity of an exported splat, over all view directions: mean, weighted or max [mean]")
+                      "opacity of an exported splat: mean, weighted (opacity-weighted mean) or max, over all "
+                      "view directions [mean]")
           ->check(CLI::IsMember({"mean", "weighted", "max"}))
           ->type_name("RULE");
   app->add_option(

@@ -59,7 +59,11 @@ class Checker {
       if (i == 0) subject.parts.push_back(check::Part::networks);
       const std::string form = check::form_text(check::checked_config(subject.config));
       const std::string asked = check::form_text(subject.config);
-      if (!json_) say(" {}{}\n", form, form == asked ? "" : fmt::format(" (the nearest to {})", asked));
+      if (!json_)
+        say(" {}{}\n", form,
+            form == asked
+                ? ""
+                : fmt::format(" (the most similar variant with reference values; requested: {})", asked));
       const check::Findings findings = check::examine(*device, subject);
       const check::Finding* wrong = check::failure(findings);
       right = right && !wrong;

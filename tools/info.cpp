@@ -252,7 +252,7 @@ int run_data(const InfoOptions& options) {
   say("points   {}\nextent   {:.6g}\noffset   {}\n", json["points"].get<std::size_t>(),
       json["extent"].get<double>(), numbers_text(json["offset"]));
   if (packed)
-    say("packed   {:.2f} MiB, images on background {}, reduced by {}\n",
+    say("packed   {:.2f} MiB, images composited on background {}, downscaled by a factor of {}\n",
         json["bytes"].get<double>() / (1 << 20), json["background"].dump(), json["downscale"].get<int>());
   return 0;
 }

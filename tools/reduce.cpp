@@ -37,7 +37,7 @@ using namespace ubs::reduce;
 
 constexpr double kMinBound = 1e-4, kMaxBound = 0.5;  // of the search
 constexpr int kSearchSteps = 9;                      // determines the bound to 2 %
-constexpr int kSizeSteps = 30;                       // determines the bound of a size to 1e-9
+constexpr int kSizeSteps = 30;                       // determines the bound for --size to 2e-6 %
 constexpr double kMegabyte = 1e6;
 constexpr std::size_t kTimedViews = 40;
 
@@ -113,12 +113,12 @@ class Session {
     renderer.set_cameras(cameras_);
     for (const Split* split : {&train_, &test_}) {
       if (split->views.empty() || (split == &train_ && !details && !test_.views.empty())) continue;
-      note("quality on {} {} views", split->views.size(), split->name);
+      note("measuring the quality on {} {} views", split->views.size(), split->name);
       report.splits.push_back({split->name, split->views.size(), quality(before_, renderer_, *split).mean,
                                quality(after, renderer, *split).mean});
     }
     if (!details) return;
-    note("times");
+    note("measuring the times");
     report.times = measure_times(*device_, {TimedModel{&before_, &renderer_}, {&after, &renderer}}, render_,
                                  train_.views.size(), targets_, std::min(kTimedViews, train_.views.size()));
   }
@@ -185,8 +185,9 @@ double bound_for_bytes(const ReduceOptions& options, const Reducer& reducer,
   if (fits(0)) return 0;
   double low = 1e-9, high = 1;
   if (!fits(high))
-    fail(ErrorKind::data, "--size {:g}: no reduction is that small: with {} removed the file has {:.3f} MB",
-         options.megabytes, options.only == "all" ? "all that can be" : options.only,
+    fail(ErrorKind::data,
+         "--size {:g} cannot be reached: after removing all possible {}, the file still has {:.3f} MB",
+         options.megabytes, options.only == "all" ? "splats and dimensions" : options.only,
          bytes_for(high) / kMegabyte);
   for (int i = 0; i < kSizeSteps; ++i) {
     const double middle = std::sqrt(low * high);

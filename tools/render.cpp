@@ -301,9 +301,10 @@ int run(RenderOptions& options) {
 
 Command add_render(CLI::App& root) {
   CLI::App* app = root.add_subcommand(
-      "render", "Render a model from the cameras of a data folder, from around the scene, or along a path");
+      "render",
+      "Render a model from the cameras of a data folder, from cameras around the scene, or along a path");
   const auto options = std::make_shared<RenderOptions>(*app);
-  app->add_option("--out", options->out, "folder to write one file per view to, named after the frame")
+  app->add_option("--out", options->out, "output folder for the images: one file per view and channel")
       ->type_name("DIR");
   app->add_option("--video", options->video,
                   fmt::format("video of the views: {}", fmt::join(video_extensions(), ", ")))
@@ -316,7 +317,8 @@ Command add_render(CLI::App& root) {
   app->add_option(
          "--lens", options->lens,
          "render through this lens instead of a pinhole: equirectangular (360-degree panorama) or "
-         "fisheye:DEGREES [180]; --size is 2048x1024 or 1024x1024 unless given, depth is the distance")
+         "fisheye:DEGREES [180]; without --size, a panorama has 2048x1024 pixels and a fisheye image has "
+         "1024x1024; the depth of a pixel is its distance from the camera")
       ->type_name("LENS");
   app->add_option("--views", options->views, "indices of the views to render, such as 0,3,5 [all]")
       ->delimiter(',')
@@ -327,7 +329,7 @@ Command add_render(CLI::App& root) {
       ->delimiter(',')
       ->check(CLI::IsMember({"rgb", "alpha", "depth"}))
       ->type_name("LIST");
-  app->get_option("--split")->description("split: train, val or test [test; with --path train]");
+  app->get_option("--split")->description("split: train, val or test [test, or train if --path is given]");
   app->get_option("--format")->needs("--out");
   app->get_option("--fps")->needs("--video");
   add_overwrite_option(*app, options->overwrite);

@@ -39,8 +39,8 @@ struct ReportOptions {
   bool json = false, no_viewer = false, overwrite = false;
 };
 
-// A model with its coordinates. They are relative to `offset`. For the model of a checkpoint, they are
-// relative to the offset that the loader of the data chooses.
+// The model of a run. A model file states the offset of its coordinates. For a model from a checkpoint,
+// `offset` is empty, and its coordinates are relative to the offset that the loader of the data chooses.
 struct RunModel {
   std::optional<MixedModel> model;
   std::optional<std::array<double, 3>> offset;
@@ -126,16 +126,17 @@ std::optional<Views> find_views(RunRecord& run, const RunModel& model, const Rep
   }
   std::string why =
       model.data.empty()
-          ? "which data the run was trained on is not known (--data DIR)"
+          ? "the run does not state which data it was trained on (pass --data DIR)"
           : fmt::format("the data folder {} does not exist (choose another with --data DIR)", model.data);
   for (const fs::path& place : data_places(model.data, run.folder)) {
     if (!path_exists(place)) continue;
     try {
       Views views = open_views(model, place, run.settings);
       if (!model.data_print)
-        run.remarks.push_back(fmt::format("the run does not record whether its data are in {}", views.data));
+        run.remarks.push_back(
+            fmt::format("the run has no fingerprint of its data, so {} may contain other data", views.data));
       if (views.same) return views;
-      why = fmt::format(kOthers, views.data, " (--data DIR uses them anyway)");
+      why = fmt::format(kOthers, views.data, " (pass --data DIR to use it anyway)");
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::data) throw;
       why = fmt::format("the data cannot be used: {}", error.what());

@@ -173,7 +173,8 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
         start.settings.iterations,
         budget.seconds > 0 ? fmt::format(" in {}", duration_text(budget.seconds)) : "",
         start.settings.cap_max,
-        budget.seconds > 0 ? fmt::format("; steps measured in {}", duration_text(budget.measured)) : "");
+        budget.seconds > 0 ? fmt::format("; measuring the steps took {}", duration_text(budget.measured))
+                           : "");
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
           kScheduleLength);

@@ -27,7 +27,8 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
     remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians are exported exactly"
                                                   : "Gaussians are exported exactly");
   if (exact < model.groups.size())
-    remarks.push_back(fmt::format("time {}, opacity over directions: {}", options.time, options.opacity));
+    remarks.push_back(fmt::format("exported for time {}; rule for the opacity over all view directions: {}",
+                                  options.time, options.opacity));
   std::optional<ImportedSplats> splats;
   for (const SplatModel& group : model.groups) {
     ImportedSplats part =

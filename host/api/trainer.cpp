@@ -40,8 +40,8 @@ Split test_views(const Dataset& set, const TrainSettings& settings) {
   return test;
 }
 
-// Throws if a setting would read the data in another way: they have been read already, so it would have no
-// effect.
+// Throws if a setting would change how the data are read. The data have been read already, so such a setting
+// would have no effect.
 void check_as_opened(TrainSettings settings, const ubs_data& data) {
   TrainSettings opened = data.settings;
   opened.background.automatic = false;  // transparent pixels were composited on black

@@ -44,8 +44,8 @@ Error as_error(const std::exception& exception) {
     if (error->code() == std::errc::resource_unavailable_try_again)  // thrown by std::thread
       return {
           ErrorKind::memory,
-          "the system does not allow this process to create another thread: raise the limit (ulimit -u, of "
-          "the container, or of memory)"};
+          "the system does not allow this process to create another thread: raise the limit on processes "
+          "(ulimit -u, or that of the container) or the limit on memory"};
   return {ErrorKind::internal, fmt::format("internal: {}", shortened(exception.what()))};
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Form is a variant of the method together with N and query_grad. forms() lists those for which a build
-// contains float64 vectors, so that devices can be checked with them.
+// Form is a variant of the method together with N and query_grad. forms() lists the forms for which a build
+// contains vectors, which are the expected float64 results that devices are checked with.
 #pragma once
 
 #include <vector>

@@ -32,7 +32,7 @@ void check_raster(const Work& work, bool slots) {
   require(work.tile_ranges.size > static_cast<std::size_t>(work.shape.tiles()), "tile_ranges is too short");
   require(!slots || (work.sorted_slots.size >= intersections && work.masks.size >= intersections),
           "sorted_slots or masks is shorter than sorted_ids");
-  require(work.image.size >= 3 * work.shape.plane(), "the image is smaller than its three planes");
+  require(work.image.size >= 3 * work.shape.plane(), "the image buffer is too small for three planes");
 }
 
 // For RasterForward and RasterBackward with RasterKind::gpu: checks the size of the states in front of the

@@ -19,11 +19,18 @@ constexpr std::size_t kDigits = std::size_t{1} << stage_sizes::kRadixBits;
 constexpr std::size_t kSmallHistogram = std::size_t{1} << 17;
 constexpr std::uint32_t kColumnBlock = 512;  // columns of a histogram that a work-item scans
 
-// CPUs: the depths of a scene differ in about 24 bits, which takes two passes with 12 bits each. Times of
-// lists with 10, 11, 12 and 13 bits, which take three, three, two and two passes: 30K splats 0.28, 0.28,
-// 0.26, 0.26 ms; 100K splats 0.72, 0.73, 0.65, 0.65 ms; 300K splats 2.0, 2.1, 1.8, 1.9 ms. At 1M splats 8 and
-// 12 bits are equally fast. At 3M splats, where 4096 open cache lines and pages are too many, 8 bits take
-// 40 ms and 12 bits 43 ms.
+// Digits contains the numbers of bits by which the passes of the depth sort order the splats on CPUs. The
+// depths of a scene differ in about 24 bits, so two passes with 12 bits each are sufficient. The measured
+// times of building the lists are, in milliseconds:
+//
+//     bits of a pass      10     11     12     13
+//     number of passes     3      3      2      2
+//     30K splats        0.28   0.28   0.26   0.26
+//     100K splats       0.72   0.73   0.65   0.65
+//     300K splats        2.0    2.1    1.8    1.9
+//
+// With 1M splats, 8 and 12 bits are equally fast. With 3M splats, the lists take 40 ms with 8 bits and 43 ms
+// with 12 bits, because 4096 open cache lines and pages are too many.
 struct Digits {
   std::uint32_t first, widest;  // bits of the first digit; maximum bits of each further digit
 };

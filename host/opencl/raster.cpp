@@ -163,7 +163,7 @@ void Raster::run(const RasterBackward& work) {
   check_backward(config_, "raster backward");
   check_raster(work, true);
   if (!on_cpu(config_)) check_list_states(work);
-  require(work.v_image.size >= 3 * work.shape.plane(), "v_image is smaller than its three planes");
+  require(work.v_image.size >= 3 * work.shape.plane(), "v_image is too small for three planes");
   KernelSet& kernels = raster(work.slots.count > 1);
   with_lists(work, [&](const auto&... lists) {
     if (on_cpu(config_))

@@ -17,19 +17,21 @@ struct Reconditioned {
   std::size_t indefinite = 0;
   // Change of the opacity factor, measured at 32 queries within the query covariance of each splat: mean over
   // the splats, and maximum. It is 0 unless beta_opacity is tanh and query dimensions are correlated. In that
-  // case the residuals are taken in the opposite order.
+  // case, the residual y (method.md 2.4) uses the query dimensions in the opposite order after the
+  // conversion.
   double opacity_mean = 0, opacity_most = 0;
 };
 
-// Converts to direct conditioning. If weights are not also exponents of the opacity, they become part of the
-// cross covariance, and the result has beta_cond off. Throws Error(usage) for cov_param skew_nd and for a
-// model that already has direct conditioning.
+// Converts to direct conditioning. With beta_opacity tanh, the conditioning weights (beta_cond) are also
+// exponents of the opacity, so the result keeps them. Otherwise, they become part of the cross covariance,
+// and the result has beta_cond off. Throws Error(usage) for cov_param skew_nd and for a model that already
+// has direct conditioning.
 Reconditioned to_direct(const SplatModel& model);
 
 // Converts to covariance conditioning. Throws Error(data) with the number of splats that no covariance can
-// represent. Such splats are possible if there are weights, because the motion of the mean with the query may
-// then require a larger spatial extent than the splat has. Throws Error(usage) for a model without direct
-// conditioning.
+// represent. A splat with conditioning weights below 1 can be of this kind, because the motion of its mean
+// with the query may require a larger spatial extent than the splat has. Throws Error(usage) for a model
+// without direct conditioning.
 Reconditioned to_covariance(const SplatModel& model);
 
 }  // namespace ubs

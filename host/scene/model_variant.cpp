@@ -88,11 +88,12 @@ void check_variant(int dim, const ModelVariant& v) {
   if (v.rot_mode == RotMode::quaternion && dim != 3)
     fail(ErrorKind::usage, "rot_mode = quaternion needs dim = 3, not {}", dim);
   if (v.rot_mode != RotMode::taylor1 && v.cov_param != CovParam::spatial_ortho)
-    fail(ErrorKind::usage, "rot_mode only applies to cov_param = spatial_ortho; {}", to_string(v));
+    fail(ErrorKind::usage, "rot_mode only applies to cov_param = spatial_ortho; the variant is: {}",
+         to_string(v));
   if (v.direct() && (v.cov_param == CovParam::skew_nd || v.cov_mode != CovMode::upper))
     fail(ErrorKind::usage,
          "conditioning = direct has no covariance of all dimensions, so it does not support cov_param = "
-         "skew_nd or cov_mode; {}",
+         "skew_nd or a cov_mode other than upper; the variant is: {}",
          to_string(v));
 }
 

@@ -35,8 +35,8 @@ void scale_lengths(Split& split, double factor);
 // Converts the settings so that they apply to data that are divided by settings.unit. An automatic unit
 // counts as 1.
 TrainSettings in_unit(TrainSettings settings);
-// Returns the same views with the positions of the cameras divided by `unit`. Images in memory are not
-// copied, so `split` must outlive them.
+// Returns the same views with the positions of the cameras divided by `unit`. The returned views refer to the
+// images in memory of `split` and do not copy them, so `split` must outlive the returned views.
 Split in_unit(const Split& split, double unit);
 
 }  // namespace ubs

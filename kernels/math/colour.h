@@ -107,7 +107,8 @@ UBS_FN Lobe lobe_seen(vreal theta, vreal phi, vreal raw_beta, Vec3 d) {
   b.m_phi.e[0] = -b.m.e[1];
   b.m_phi.e[1] = b.m.e[0];
   b.m_phi.e[2] = V(0.0);
-  // For unit vectors 1 - u = |d - m|^2 / 2. A scalar product would contain only rounding errors for a sharp lobe.
+  // For unit vectors 1 - u = |d - m|^2 / 2. For a sharp lobe, 1 - u is so small that computing it from the
+  // scalar product d . m would give only rounding errors.
   vreal x = d.e[0] - b.m.e[0], y = d.e[1] - b.m.e[1], z = d.e[2] - b.m.e[2];
   vreal r = V(0.5) * (x * x + y * y + z * z);
   vmask lit = r < V(1.0);

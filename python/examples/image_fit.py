@@ -2,7 +2,8 @@
 """Fits Gaussians to one image: python image_fit.py IMAGE OUT.png [GAUSSIANS [STEPS]]. Needs PyTorch and Pillow.
 
 All Gaussians are in front of one camera, so they learn an image and not a scene. This is a small example of
-rasterization() with an optimiser. The same code runs with gsplat on CUDA, if the line below imports its function."""
+rasterization() with an optimiser. The same code runs with gsplat on CUDA, if rasterization() is imported from gsplat
+instead of ubs.gsplat."""
 
 from __future__ import annotations
 

@@ -38,7 +38,8 @@ def test_images_of_0_to_255_as_floats_are_refused(data: ubs.Dataset, model: ubs.
     ):
         with pytest.raises(ubs.UsageError, match="pass uint8, or floating point from 0 to 1"):
             call()
-    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf  # clamped, because renders may need this
+    # Values outside 0 to 1, which occur in rendered images, are clamped.
+    assert ubs.metrics.psnr(good * 1.5 - 0.2, good * 1.5 - 0.2) == np.inf
     assert set(dir(ubs.metrics)) >= {"psnr"} and ubs.metrics.__all__ == ["lpips", "measure", "psnr", "ssim"]
 
 

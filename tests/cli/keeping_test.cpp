@@ -135,7 +135,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   const Result run = ubs_ok(folder, of_time + "20s --out run --eval-every 400 --checkpoint-every 300");
   const std::string config = get(folder / "run/config.yaml");
   for (const char* part :
-       {"steps    being measured", "schedule ", " iterations in 20 s", "steps measured in"})
+       {"steps    being measured", "schedule ", " iterations in 20 s", "measuring the steps took"})
     CHECK_THAT(run.out, Contains(part));
   for (const char* part : {"pyramid: '4:0.", "cap_max: 700", "lr_scale: 0.0", "\nwork_shares: '", ":1'"})
     CHECK_THAT(config, Contains(part));

@@ -22,7 +22,7 @@ class LoopDisk {
 
   void format();     // creates an empty file system and mounts it
   void sync();       // writes everything to the disk
-  void cut_power();  // returns a mounted copy, in its state after a power cut
+  void cut_power();  // replaces the disk by a mounted copy in its state after a power cut
 
  private:
   void mount();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions that the targets share. Readers take paths, so the bytes are written to files of this process (in
-// memory if the system has /dev/shm).
+// Functions that all fuzz targets use. The readers of ubs take paths, so a target writes the bytes of its
+// input to files in a folder of its process. This folder is in memory if the system has /dev/shm.
 #pragma once
 
 #include <unistd.h>
@@ -61,7 +61,8 @@ template <typename T>
 void add(std::string& bytes, T value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
-// Splits an input into several files. Each is preceded by its length in two bytes.
+// A target that needs several files splits its input with take_block(). In the input, each file is preceded
+// by its length in two bytes, which block() adds.
 inline std::string block(const std::string& text) {
   return std::string{static_cast<char>(text.size() & 255), static_cast<char>(text.size() >> 8)} + text;
 }

@@ -32,8 +32,8 @@ check_oclgrind() { # folder, option, expected message, statement
     { echo "FAILED: oclgrind $2 does not detect the error in $4"; exit 1; }
 }
 
-# Functions are not inlined. With -O0, the reason is that Oclgrind does not support `freeze`. With -O2, the reason is
-# the scopes that inlining creates.
+# Functions are not inlined, because Oclgrind does not support two constructs that clang generates for inlined
+# functions: the instruction `freeze` (with -O0), and scopes (with -O2).
 on_oclgrind() { # option, options of its compiler, command
   local option=$1 compiler=$2
   shift 2

@@ -90,8 +90,8 @@ TEST_CASE(UBS_TEST_NAME("blend VJP agrees with central differences"), "[math][va
     const std::vector<Splat> analytic = gradient(splats);
     double error = 0, norm = 0;
     for (std::size_t k = 0; k < splats.size(); ++k) {
-      // The steps of the differences must not cross the rim or the minimum alpha. The minimum is also 1/255
-      // for the Beta kernel here, so that all variants test the same pixels.
+      // The steps of the differences must not cross the rim or the minimum alpha. This test assumes a minimum
+      // of 1/255 for the Beta kernel too, so that all variants test the same pixels.
       const BlendAlpha a = blend_alpha(blend_splat(splats[k]), splats[k][0], splats[k][1]);
       if (std::abs(a.r - UBS_SUPPORT) < 1e-2 || std::abs(splats[k][5] * a.falloff * 255 - 1) < 1e-2) continue;
       reached += a.inside;
@@ -125,7 +125,7 @@ TEST_CASE("the Gaussian kernel ends at an alpha of 1/255", "[math][variants]") {
   };
   CHECK(alpha(1, 0.8) == Approx(0.8 * std::exp(-0.5)));
   CHECK(alpha(2.99, 0.8) == Approx(0.8 * std::exp(-0.5 * 2.99 * 2.99)));
-  // At 3.329 standard deviations, 1/255 remains of an opaque Gaussian, whose alpha is at most 0.99.
+  // A Gaussian with opacity 1 falls to 1/255 at 3.329 standard deviations. Alpha is at most 0.99.
   CHECK(alpha(3.32, 1) == Approx(std::exp(-0.5 * 3.32 * 3.32)));
   CHECK(alpha(3.33, 1) == 0);
   CHECK(alpha(3.25, 0.8) == Approx(0.8 * std::exp(-0.5 * 3.25 * 3.25)));

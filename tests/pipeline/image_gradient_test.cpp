@@ -44,7 +44,7 @@ Actual actual_gradient(Device& device, Stages& stages, const oracle::Scene& scen
           floats({c.time, c.extra[0], c.extra[1], c.extra[2], c.extra[3]})};
 }
 
-TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agree with float64",
+TEST_CASE("gradients of colours, alpha and depth with respect to parameters and cameras agree with float64",
           "[oracle]") {
   const int width = 61, height = 45;
   // Tests the default variant for several N, and a variant whose colours depend on the direction.
@@ -54,7 +54,7 @@ TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agr
        {7, {}},
        {3,
         {.rot_mode = RotMode::quaternion, .kernel = SpatialKernel::gaussian, .colour = ColourMode::sh3}}}));
-  // N = 7 includes everything of N = 6. If programs are compiled by the host, it also represents N = 3.
+  // N = 7 includes everything that N = 6 tests. On the device "CUDA on the host", it also replaces N = 3.
   if (variant == ModelVariant{} && (dim == 6 || (dim == 3 && on_host(*devices_under_test()[0]))) &&
       !test::whole_sweep())
     return;
@@ -92,8 +92,8 @@ TEST_CASE("gradients of colours, alpha and depth, of parameters and cameras, agr
           const double error = test::relative_error(found, reference);
           fmt::print("raster {}, N = {}  {:8} {:12} {:.2e}\n", test::text(raster), dim, name, what, error);
           // Largest errors observed on PoCL: 9.7e-5 for xyz from alpha with N = 6, and 2.3e-4 for scale from
-          // alpha with N = 7. For the camera, where contributions of splats cancel, 4.4e-4 for the
-          // translation from alpha with N = 7.
+          // alpha with N = 7. The largest error for the camera, where contributions of splats cancel, is
+          // 4.4e-4, for the translation from alpha with N = 7.
           const bool camera = what == "turn" || what == "shift" || what == "intrinsics" || what == "query";
           CHECK(error <= (camera ? 8.7e-4 : dim == 7 ? 4.5e-4 : 1.9e-4));
         };
@@ -140,9 +140,10 @@ TEST_CASE("the gradient of a camera is the sum over groups and lanes, for the po
   }
   CHECK(gradient(MixedModel(scene.model), scene.camera).camera.turn == whole.camera.turn);  // bit for bit
 
-  // Computes <v, d(R | t)> for a rotation a that only changes R, and a translation d that only changes t. R
-  // of the scene is a rotation only to float32 precision, but the identity requires double precision. So this
-  // rotation is constructed from two Pythagorean triples.
+  // The gradients for the matrix and for the pose must give the same change of the loss, <v, d(R | t)>, if a
+  // small rotation `a` changes R and a shift `d` changes t. For this, R must be a rotation to double
+  // precision, but R of the scene is one only to float32 precision. So the test uses another R, which is
+  // constructed from two Pythagorean triples.
   Camera camera = scene.camera;
   camera.rotation = {0.6,       0.0,          0.8, -0.8 * 5 / 13, 12.0 / 13, 0.6 * 5 / 13, -0.8 * 12 / 13,
                      -5.0 / 13, 0.6 * 12 / 13};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compares masks in the stage ImageLoss on every device with a dense evaluation in double precision, whose
-// gradient is a difference quotient. Also tests the meaning of a mask: masked pixels have no influence, and a
-// rectangle is equivalent to cropping.
+// Tests masks in the stage ImageLoss. On every device, the loss is compared with a dense evaluation in double
+// precision, and the gradient with difference quotients of this evaluation. Also tests the meaning of a mask:
+// masked pixels have no influence, and a mask that keeps a rectangle is equivalent to cropping.
 #include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
@@ -37,7 +37,7 @@ Scene random_scene(int width, int height) {
         s.target.push_back(static_cast<std::uint8_t>(std::lround(255 * value)));
         s.image.push_back(value + noise(random));
       }
-  // Returns a mask with a band, a disc, and single pixels.
+  // The mask consists of a band, a disc, and single pixels.
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const bool masked = (y > 5 && y < 9) || std::hypot(x - 20, y - 20) < 7 || (x * 7 + y * 13) % 31 == 0;

@@ -29,10 +29,10 @@ class DeviceRunner {
   DeviceRunner(Device& device, RasterKind raster);
   ~DeviceRunner();
 
-  // Renders a case. `weights` are (3, H, W); empty: only the image is computed. Throws Error(memory) like
-  // rendering.
+  // Renders a case. `weights` are (3, H, W); if they are empty, only the image is computed. Throws
+  // Error(memory) if the device has too little memory.
   DeviceResult run(const Case& c, const std::vector<float>& weights);
-  // Returns the stages of a variant, for rows that use stages directly.
+  // Returns the stages of a variant, for stress tests (Row of row.hpp) that call stages directly.
   Stages& stages(int dim, const ModelVariant& variant = {}, bool query_grad = false);
   Device& device() { return device_; }
   RasterKind raster() const { return raster_; }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // RunFolder is the output folder of a training run. During the run it contains config.yaml, log.csv and
-// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/; if the run refines
-// cameras, cameras/ as well. All files except the log are written atomically. With --overwrite, a run
-// replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
+// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/. If the run refines
+// cameras, it also contains cameras/. All files except the log are written atomically. With --overwrite, a
+// run replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
 // does not touch other files.
 #pragma once
 
@@ -60,8 +60,9 @@ class RunFolder {
                     const std::array<double, 3>& offset, double unit, bool finished);
   // Returns the names of the files that save_renders() writes to renders().
   static std::vector<std::string> render_names(const Split& split, int count);
-  // Writes ground truth | render of evenly spaced views (at most `count`; -1: all). Uses the trainer's
-  // renderer. If writing an image fails, tries it again after the others, then throws Error.
+  // Writes one image per view, for at most `count` evenly spaced views (-1: all views). An image shows the
+  // ground truth on the left and the render on the right. Uses the trainer's renderer. If an image cannot be
+  // written, tries again after the other images, and throws Error if this fails too.
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
   // Called as the last step of a run: while there is a checkpoint, the end of the run can be repeated.
   void remove_checkpoint();

@@ -32,8 +32,8 @@ struct ReportPage {
   std::size_t pictures = 0, picture_bytes = 0;  // number of images, and bytes of their data URIs
 };
 
-// A part of the page that shows the model interactively (host/look/web), and the directives of the page's
-// policy that it needs.
+// A part of the page that shows the model interactively (host/look/web), and the directives that it needs in
+// the content security policy of the page.
 struct ReportViewer {
   std::string markup;  // empty: no viewer
   PageCode style, script;
