@@ -42,10 +42,9 @@ Error as_error(const std::exception& exception) {
     return {ErrorKind::data, fmt::format("{}: {}", error->path1().string(), error->code().message())};
   if (const auto* error = dynamic_cast<const std::system_error*>(&exception))
     if (error->code() == std::errc::resource_unavailable_try_again)  // thrown by std::thread
-      return {
-          ErrorKind::memory,
-          "the system does not allow this process to create another thread: raise the limit on processes "
-          "(ulimit -u, or that of the container) or the limit on memory"};
+      return {ErrorKind::memory,
+              "the system does not allow this process to create another thread: raise the limit on processes "
+              "(ulimit -u, or that of the container) or the limit on memory"};
   return {ErrorKind::internal, fmt::format("internal: {}", shortened(exception.what()))};
 }
 
