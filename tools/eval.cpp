@@ -90,7 +90,7 @@ int run(EvalOptions& options) {
   if (const std::string& from = settings.run_cameras; !from.empty() && split.name != "train")
     if (const std::vector<Camera> fitted = run_cameras(from, split, loaded.offset); !fitted.empty())
       measure_from(session.device(), session.stages(), session.renderer(), session.model().view(),
-                   session.settings(), fitted, targets, 0, metrics);
+                   session.settings(), split.views, fitted, targets, 0, metrics);
   const double seconds = watch.seconds();
 
   Json json{{"version", version()},

@@ -145,8 +145,14 @@ void share_more(Communicator& ranks, std::vector<ViewMetrics>& views) {
 }  // namespace
 
 void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
-                  const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
-                  std::uint32_t first_target, Metrics& metrics) {
+                  const RenderSettings& settings, const std::vector<View>& views,
+                  const std::vector<Camera>& cameras, TargetImages& targets, std::uint32_t first_target,
+                  Metrics& metrics) {
+  for (const ViewMetrics& again :
+       measure_wide_images(device, stages, renderer, groups, settings, views, cameras)) {
+    const auto image = std::ranges::find(metrics.wide_images, again.name, &ViewMetrics::name);
+    if (image != metrics.wide_images.end()) image->posed = {again.psnr_channel_mean, again.psnr, again.ssim};
+  }
   renderer.set_cameras(cameras);
   Buffer<float> sums(device, "metric sums", 8 * cameras.size());
   for (std::uint32_t i = 0; i < cameras.size(); ++i) {

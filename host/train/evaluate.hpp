@@ -61,12 +61,6 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
                  const RenderSettings& settings, const std::vector<View>& views, TargetImages& targets,
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
 
-// Measures the views again from these cameras and stores the result in `posed`. Replaces the renderer's
-// cameras.
-void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
-                  const RenderSettings& settings, const std::vector<Camera>& cameras, TargetImages& targets,
-                  std::uint32_t first_target, Metrics& metrics);
-
 // Measures the wide images that `views` show parts of. From the cameras of the views, it renders the pinhole
 // images that WideImage::compose() needs, composes the image, and compares it with the file. Returns the
 // metrics of the images that are stored in a file, in the order of their first occurrence. If an image is too
@@ -77,6 +71,13 @@ std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Ren
                                              const RenderSettings& settings, const std::vector<View>& views,
                                              const std::vector<Camera>& cameras, ImageMetrics* more = nullptr,
                                              Appearance fit = Appearance::none);
+
+// Measures the views, and metrics.wide_images, again from these cameras of the views and stores the results
+// in `posed`. Replaces the renderer's cameras.
+void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<const RenderGroup> groups,
+                  const RenderSettings& settings, const std::vector<View>& views,
+                  const std::vector<Camera>& cameras, TargetImages& targets, std::uint32_t first_target,
+                  Metrics& metrics);
 
 // This overload of evaluate() is for several ranks. They divide the views among them, and all get the same
 // result. `draw` renders a view into the renderer. Every rank calls it equally often; surplus calls pass an

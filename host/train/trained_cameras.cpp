@@ -42,32 +42,23 @@ const std::vector<FittedCamera>& TrainedCameras::held_out() {
   return held_out_;
 }
 
-std::vector<ViewMetrics> TrainedCameras::wide_metrics(const std::vector<Camera>& cameras, ImageMetrics* more,
-                                                      Appearance fit) {
-  const RenderGroup splats = group();
-  std::vector<ViewMetrics> found =
-      measure_wide_images(device_, stages_, passes_.renderer(), std::span(&splats, 1), passes_.settings(),
-                          views_.test().views, cameras, more, fit);
-  restore_cameras();
-  return found;
-}
-
 void TrainedCameras::measure_wide(Metrics& metrics, ImageMetrics* more, Appearance fit) {
-  if (std::ranges::none_of(views_.test().views, [](const View& view) { return view.wide != nullptr; }))
-    return;
-  metrics.wide_images = wide_metrics(test(), more, fit);
+  const std::vector<View>& views = views_.test().views;
+  if (std::ranges::none_of(views, [](const View& view) { return view.wide != nullptr; })) return;
+  const RenderGroup splats = group();
+  metrics.wide_images = measure_wide_images(device_, stages_, passes_.renderer(), std::span(&splats, 1),
+                                            passes_.settings(), views, test(), more, fit);
   add_mean(metrics);
+  restore_cameras();
 }
 
 void TrainedCameras::measure_fitted(Metrics& metrics) {
   const RenderGroup splats = group();
   std::vector<Camera> cameras;
   for (const FittedCamera& fitted : held_out()) cameras.push_back(fitted.camera);
-  for (const ViewMetrics& image : wide_metrics(cameras, nullptr, Appearance::none))
-    for (ViewMetrics& known : metrics.wide_images)
-      if (known.name == image.name) known.posed = {image.psnr_channel_mean, image.psnr, image.ssim};
-  measure_from(device_, stages_, passes_.renderer(), std::span(&splats, 1), passes_.settings(), cameras,
-               views_.targets(), static_cast<std::uint32_t>(views_.train().views.size()), metrics);
+  measure_from(device_, stages_, passes_.renderer(), std::span(&splats, 1), passes_.settings(),
+               views_.test().views, cameras, views_.targets(),
+               static_cast<std::uint32_t>(views_.train().views.size()), metrics);
   restore_cameras();
 }
 

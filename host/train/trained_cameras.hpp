@@ -40,8 +40,6 @@ class TrainedCameras {
 
  private:
   std::vector<FittedCamera> fit(const Split& split, std::size_t first, bool fits);
-  std::vector<ViewMetrics> wide_metrics(const std::vector<Camera>& cameras, ImageMetrics* more,
-                                        Appearance fit);
   // Returns the splats for rendering. Pauses the stage timers, because refining cameras is not counted as
   // time of the training stages.
   RenderGroup group() {

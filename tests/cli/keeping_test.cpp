@@ -59,6 +59,15 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
   const std::string train = "train --data data --quiet --dim 3 --init-points 50 --cap-max 100 --out ";
   ubs_ok(folder, train + "a --iterations 2");
   CHECK(penalty("a") == 0);
+  // The test image counts once, in its own lens, with its fitted exposure and pose.
+  ubs_ok(folder, train + "d --iterations 2 --refine-cameras pose --appearance gain --test-every 3");
+  const json test = json::parse(get(folder / "d/metrics.json"))["test"];
+  CHECK(test["views"].size() == 6);
+  REQUIRE(test["wide_images"].size() == 1);
+  for (const char* part : {"fitted", "fitted_pose"}) {
+    REQUIRE(test["wide_images"][0].contains(part));
+    CHECK(test["mean"][part] == test["wide_images"][0][part]);
+  }
   CHECK(ended_by(folder, train + "b --budget 1h", SIGINT, "b/log.csv") == 130);  // interrupted early
   CHECK(penalty("b") == 0);
   // Settings that the user chose are kept when the run is resumed.
