@@ -163,9 +163,8 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
     stages.image_loss(loss);
   }
   const std::vector<float> values = sums.download();
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
+  for (std::size_t i = 0; i < cameras.size(); ++i)
     metrics.views[i].posed = fitted_metrics(std::span<const float, 8>(values.data() + 8 * i, 8));
-  }
   add_mean(metrics);
 }
 
@@ -179,6 +178,8 @@ std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Ren
     const View& view = views[parts[0]];
     if (!view.wide) continue;
     try {
+      const Image8 file = view.wide->load();
+      if (std::ranges::all_of(file.mask, [](std::uint8_t counts) { return counts == 0; })) continue;
       const std::vector<Camera> faces = view.wide->faces(camera_of_wide_image(view, cameras[parts[0]]));
       renderer.set_cameras(faces);
       std::vector<RenderedView> renders;
@@ -187,7 +188,7 @@ std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Ren
         renders.push_back(renderer.download());
       }
       const RenderedView composed = view.wide->compose(renders);
-      images.push_back(compare_wide(device, stages, view.part_of, composed, view.wide->load(), more, fit));
+      images.push_back(compare_wide(device, stages, view.part_of, composed, file, more, fit));
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
       warn_once(
