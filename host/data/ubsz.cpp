@@ -16,6 +16,7 @@
 #include "host/base/error.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
+#include "host/base/text.hpp"
 #include "host/data/foreign_formats.hpp"
 
 namespace ubs {
@@ -292,15 +293,24 @@ void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::strin
 
 // ---- The header of a file that is read; anything unexpected counts as damage ----
 
+// Fractions and negative numbers would otherwise be converted without an error.
+std::size_t count_of(const Json& value) {
+  if (!value.is_number_unsigned())
+    fail(ErrorKind::data, "the header has the value {} where a count is expected", shortened(json_text(value)));
+  return value.get<std::size_t>();
+}
+
 GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t room, std::size_t& plain) {
   GroupCode group;
   group.dim = json.at("dim").get<int>();
-  group.count = json.at("splats").get<std::size_t>();
+  group.count = count_of(json.at("splats"));
   group.exact = !json.contains("rows");
   const ParameterLayout layout(group.dim, variant);
   std::size_t bytes = 4 * static_cast<std::size_t>(layout.count);
   if (!group.exact) {
-    group.classes = json.at("classes").get<std::array<std::size_t, kClasses>>();
+    const Json& classes = json.at("classes");
+    if (classes.size() != kClasses) fail(ErrorKind::data, "the header has {} classes", classes.size());
+    for (std::size_t k = 0; k < kClasses; ++k) group.classes[k] = count_of(classes[k]);
     const Json& places = json.at("places");
     const auto centre = places.at("centre").get<std::array<double, 3>>();
     std::ranges::copy(centre, group.centre);

@@ -170,10 +170,12 @@ TEST_CASE("extreme scenes agree with float64", "[oracle]") {
     }
     SECTION("opaque layers") {
       const oracle::Scene scene = oracle::opaque_stack_scene(options(dim, 60, 40, 40));
-      // Largest errors observed: 2.7e-6 and 4.6e-5 for N = 3, 1.2e-5 and 4.7e-4 for N = 6; with kernels for
-      // cards 6.7e-5 and 2.7e-3 (on an H200 3.0e-5 and 1.2e-3).
-      compare_forward(c, "opaque", scene, by_device(c, dim == 3 ? 5.4e-6 : 2.3e-5, 1.3e-4));
-      compare_gradient(c, "opaque", scene, by_device(c, dim == 3 ? 9.2e-5 : 9.4e-4, 5.4e-3));
+      // Largest errors observed: 5.8e-6 and 1.5e-4 for N = 3, 3.7e-5 and 1.5e-3 for N = 6; with kernels for
+      // cards 6.7e-5 and 2.7e-3 (on an H200 3.0e-5 and 1.2e-3). They depend on the rounding at one pixel (see
+      // above): with a camera that differs by less than a float ulp, they were 2.7e-6, 4.6e-5, 1.2e-5
+      // and 4.7e-4.
+      compare_forward(c, "opaque", scene, by_device(c, dim == 3 ? 1.1e-5 : 7.4e-5, 1.3e-4));
+      compare_gradient(c, "opaque", scene, by_device(c, dim == 3 ? 3.0e-4 : 3.0e-3, 5.4e-3));
     }
   });
 }
