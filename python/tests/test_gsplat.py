@@ -553,7 +553,7 @@ REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("opacities has the shape", {"opacities": torch.ones(30, 1)}),
     ("colors has the shape", {"colors": torch.ones(31, 3)}),
     ("coeffs has 4 bases", {"colors": torch.ones(30, 4, 3), "sh_degree": 2}),
-    ("means is of torch.float64", {"means": torch.zeros(30, 3, dtype=torch.float64)}),
+    ("means has the type torch.float64", {"means": torch.zeros(30, 3, dtype=torch.float64)}),
     ("skew", {"Ks": torch.ones(2, 3, 3)}),
     ("backgrounds", {"backgrounds": torch.ones(3)}),
     ("quats and scales", {"quats": None}),

@@ -101,7 +101,7 @@ def test_a_picture_can_be_seen_where_it_was_drawn(data: ubs.Dataset, model: ubs.
     assert np.array_equal(seen, picture)
     assert np.array_equal(model.render(camera, copy=False), picture)
     assert np.array_equal(model.render(camera, time=0.5, copy=False), model.render(camera, time=0.5))
-    with pytest.raises(ubs.UsageError, match=re.escape('not what array("v_rgb") of this renderer gave')):
+    with pytest.raises(ubs.UsageError, match=re.escape('not the last array("v_rgb") of this renderer')):
         ubs.Renderer(model, gradients=True).vjp(camera, renderer.array("rgb"))
     np.asarray(renderer.array("parameters"))[:3] += 1  # in place
     assert not np.array_equal(renderer.render(camera).rgb, picture)

@@ -164,7 +164,7 @@ TEST_CASE("work share: invalid points are rejected", "[schedule]") {
               .find("work_shares must be") != std::string::npos);
   for (const char* wrong : {"50:0.5,101:0.6", "50:0.5,99:1", "100:0.5"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
-              .find("belongs to a number of iterations") != std::string::npos);
+              .find("depends on the number of iterations") != std::string::npos);
   validate(settings_of(100, "50:0.5,100:1"));
 }
 
