@@ -110,7 +110,7 @@ TEST_CASE("splat counts around vector and group sizes", "[oracle]") {
   for_each_case({6}, [](const Case& c) {
     // The bounds are twice the observed errors. For 1025 see above.
     const std::map<std::size_t, Bounds> bounds{
-        {1, {1.6e-6, 1.2e-5}},   {15, {1.1e-5, 1.7e-5}},  {16, {1.1e-5, 1.3e-5}},  {17, {1.1e-5, 1.3e-5}},
+        {1, {2.8e-6, 1.7e-5}},   {15, {1.1e-5, 1.7e-5}},  {16, {1.1e-5, 1.3e-5}},  {17, {1.1e-5, 1.3e-5}},
         {63, {7.4e-6, 1.1e-5}},  {65, {7.4e-6, 1.1e-5}},  {255, {2.1e-6, 8.0e-6}}, {256, {2.1e-6, 7.8e-6}},
         {257, {2.1e-6, 6.0e-6}}, {1025, {1.1e-5, 1.3e-3}}};
     for (const auto& [count, bound] : bounds) {
