@@ -94,15 +94,8 @@ ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name
       {image.view(), mask.view(),
        static_cast<std::uint32_t>(file.mask.size() -
                                   static_cast<std::size_t>(std::ranges::count(file.mask, 0)))}};
-  ImageLoss loss{.shape = shape,
-                 .image = values.view(),
-                 .target = image.view(),
-                 .target_float = {},
-                 .mask = mask.view(),
-                 .counted = compared.target.counted,
-                 .clamp = true,
-                 .v_image = {},
-                 .sums = sums.view()};
+  ImageLoss loss = loss_of(shape, values.view(), compared.target, sums.view());
+  loss.clamp = true;
   stages.image_loss(loss);
   const std::vector<float> row = sums.download();
   check_finite(std::span<const float, 8>(row), name);

@@ -10,15 +10,19 @@
 namespace ubs {
 
 // Returns the operation that computes only the values of the loss, for the image without an appearance map.
-inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferView<float> sums) {
-  return {.shape = renderer.shape(),
-          .image = renderer.image(),
+inline ImageLoss loss_of(const ImageShape& shape, BufferView<float> image, const Target& target,
+                         BufferView<float> sums) {
+  return {.shape = shape,
+          .image = image,
           .target = target.image,
           .target_float = {},
           .mask = target.mask,
           .counted = target.counted,
           .v_image = {},
           .sums = sums};
+}
+inline ImageLoss loss_of(const Renderer& renderer, const Target& target, BufferView<float> sums) {
+  return loss_of(renderer.shape(), renderer.image(), target, sums);
 }
 
 // Returns the operation that also computes the gradient of the training loss, into the renderer's v_image().

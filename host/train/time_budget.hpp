@@ -50,7 +50,7 @@ class WorkTime {
 };
 
 // Returns work_shares up to this iteration, which becomes the last point. A run that continues there with
-// another time budget sets the pace of the rest anew.
+// another time budget sets a new pace for the rest.
 std::string shares_until(const TrainSettings& settings, int iteration);
 
 struct TimeBudget {
