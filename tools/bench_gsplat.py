@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the speed of gsplat (PyPI, CUDA) on a 3DGS file and the training cameras of a NeRF Synthetic folder, to
-compare it with `ubs-lab bench --model` for the same model and data on the same card.
+"""Measures the speed of gsplat (PyPI, CUDA), or of ubs.gsplat on any device, on a 3DGS file and the training cameras of
+a NeRF Synthetic folder, to compare it with `ubs-lab bench --model` for the same model and data on the same device.
 
   ubs convert RUN model.ply --to 3dgs
   bench_gsplat.py model.ply LEGO --size 400
+  bench_gsplat.py model.ply LEGO --size 400 --package ubs.gsplat --tensors cpu
 
-Prints milliseconds per view, for forward alone and for forward with backward. The time is measured in two ways: as
-wall time (waiting for the device after all views) and by events of the device (each view alone, median). Needs the
-Python packages gsplat, torch and numpy.
+Prints milliseconds per view, for forward alone and for forward with backward: the median of single views and, for
+tensors on a card, the mean of many views without waiting between them. Needs the Python packages torch and numpy, and
+the package that is measured.
 """
 import argparse
+import importlib
 import json
 import math
 import pathlib
@@ -18,7 +20,6 @@ import time
 
 import numpy as np
 import torch
-from gsplat import rasterization
 
 VIEWS = 400  # number of timed views; the cameras are used in turn
 
@@ -36,20 +37,21 @@ def read_splats(path):
     return {name: values[:, i] for i, name in enumerate(names)}
 
 
-def cameras(folder, size):
+def cameras(folder, size, where):
     """Returns world-to-camera matrices (OpenCV axes) of the training views, and their intrinsics [px]."""
     data = json.loads((pathlib.Path(folder) / "transforms_train.json").read_text())
     focal = 0.5 * size / math.tan(0.5 * data["camera_angle_x"])
-    intrinsics = torch.tensor([[[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]], device="cuda")
+    intrinsics = torch.tensor([[[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]], device=where)
     views = []
     for frame in data["frames"]:
         to_world = np.array(frame["transform_matrix"])
         to_world[:3, 1:3] *= -1  # from OpenGL axes
-        views.append(torch.tensor(np.linalg.inv(to_world), device="cuda", dtype=torch.float32)[None])
+        views.append(torch.tensor(np.linalg.inv(to_world), device=where, dtype=torch.float32)[None])
     return views, intrinsics
 
 
-def wall_ms(draw):
+def card_ms(draw):
+    """Returns the mean time of views that the card renders without a pause, and the median time of a single view."""
     for _ in range(20):
         draw()
     torch.cuda.synchronize()
@@ -57,19 +59,27 @@ def wall_ms(draw):
     for _ in range(VIEWS):
         draw()
     torch.cuda.synchronize()
-    return (time.perf_counter() - start) / VIEWS * 1e3
-
-
-def device_ms(draw):
+    mean = (time.perf_counter() - start) / VIEWS * 1e3
     times = []
     for _ in range(VIEWS):
-        start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
-        start.record()
+        begin, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        begin.record()
         draw()
         end.record()
         end.synchronize()
-        times.append(start.elapsed_time(end))
-    return float(np.median(times))
+        times.append(begin.elapsed_time(end))
+    return f"{mean:.3f} ms (events {np.median(times):.3f})"
+
+
+def host_ms(draw):
+    """Returns the median time of a single view."""
+    times = []
+    for k in range(5 + VIEWS // 8):
+        start = time.perf_counter()
+        draw()
+        if k >= 5:
+            times.append((time.perf_counter() - start) * 1e3)
+    return f"{np.median(times):.2f} ms"
 
 
 def main():
@@ -77,10 +87,14 @@ def main():
     parser.add_argument("model", help="3DGS file with harmonics of degree 3 (.ply)")
     parser.add_argument("data", help="NeRF Synthetic folder")
     parser.add_argument("--size", type=int, default=800, help="width and height of the images [px]")
+    parser.add_argument("--package", choices=("gsplat", "ubs.gsplat"), default="gsplat")
+    parser.add_argument("--tensors", choices=("cuda", "cpu"), default="cuda", help="where PyTorch keeps the tensors")
     args = parser.parse_args()
+    rasterization = importlib.import_module(args.package).rasterization
+    measured = card_ms if args.tensors == "cuda" else host_ms
 
     splats = read_splats(args.model)
-    columns = lambda *names: torch.tensor(np.stack([splats[n] for n in names], -1), device="cuda")
+    columns = lambda *names: torch.tensor(np.stack([splats[n] for n in names], -1), device=args.tensors)
     rest = columns(*[f"f_rest_{i}" for i in range(45)]).reshape(-1, 3, 15).transpose(1, 2)
     parameters = [
         columns("x", "y", "z"),
@@ -91,8 +105,8 @@ def main():
     ]
     for parameter in parameters:
         parameter.requires_grad_(True)
-    views, intrinsics = cameras(args.data, args.size)
-    v_image = torch.rand(1, args.size, args.size, 3, device="cuda")
+    views, intrinsics = cameras(args.data, args.size, args.tensors)
+    v_image = torch.rand(1, args.size, args.size, 3, device=args.tensors)
 
     for packed in (False, True):
         drawn = 0
@@ -112,9 +126,8 @@ def main():
                 parameter.grad = None
             draw().backward(v_image)
 
-        print(f"{len(splats['x'])} splats, {args.size}x{args.size}, packed={packed}: "
-              f"forward {wall_ms(forward):.3f} ms (events {device_ms(forward):.3f}), "
-              f"forward and backward {wall_ms(both):.3f} ms (events {device_ms(both):.3f})")
+        print(f"{args.package}, {len(splats['x'])} splats, {args.size}x{args.size}, packed={packed}: "
+              f"forward {measured(forward)}, forward and backward {measured(both)}")
 
 
 if __name__ == "__main__":

@@ -126,6 +126,12 @@ void need_gradients(const ubs_renderer& renderer) {
     fail(ErrorKind::usage, "the renderer was created without UBS_RENDER_GRADIENTS");
 }
 
+void need_gradient(const ubs_renderer& renderer) {
+  if (!renderer.differentiated)
+    fail(ErrorKind::usage,
+         "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");
+}
+
 }  // namespace
 }  // namespace ubs::facade
 
@@ -295,9 +301,7 @@ ubs_status ubs_renderer_camera_gradient(ubs_renderer* renderer, ubs_camera_gradi
     const std::lock_guard lock(r.open->mutex);
     if (r.flags & UBS_RENDER_ABSGRAD)
       fail(ErrorKind::usage, "a renderer with UBS_RENDER_ABSGRAD has no gradient with respect to the camera");
-    if (!r.differentiated)
-      fail(ErrorKind::usage,
-           "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");
+    need_gradient(r);
     const CameraGradient found = r.session->renderer().camera_gradient();
     std::ranges::copy(found.turn, out.pose);
     std::ranges::copy(found.shift, out.pose + 3);
@@ -330,6 +334,8 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
            "{} does not provide addresses of its memory: only CUDA devices and PoCL on CPUs do",
            session.device().info().name);
     BufferView<float> found;
+    // Where the values of a splat are in an array of records: the first one, and the distance between splats
+    std::size_t column = 0, stride = 0;
     switch (name) {
       case UBS_ARRAY_PARAMETERS:
         r.kept.reset(), r.differentiated.reset();
@@ -353,11 +359,16 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
         found = session.renderer().v_image(r.v_rgb_shape);
         break;
       case UBS_ARRAY_GRADIENT:
-        if (!r.differentiated)
-          fail(ErrorKind::usage,
-               "the renderer has no gradient yet: call ubs_renderer_vjp or ubs_renderer_loss first");
+        need_gradient(r);
         session.renderer().backward_from_records(gradient_buffers(r), false);
         found = gradient_buffers(r)[group];
+        break;
+      case UBS_ARRAY_EXTENTS:
+        found = session.renderer().records(), column = kSplatHx, stride = kSplatStride;
+        break;
+      case UBS_ARRAY_V_MEANS2D:
+        need_gradient(r);
+        found = session.renderer().v_records(), column = kGradX, stride = kGradStride;
         break;
       default:
         fail(ErrorKind::usage, "there is no array {}", static_cast<int>(name));
@@ -375,6 +386,12 @@ ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, u
       out.dims = 2;
       out.shape[0] = splats.rows(), out.shape[1] = splats.count();
       out.strides[0] = splats.stride(), out.strides[1] = 1;
+    } else if (stride > 0) {
+      for (std::size_t g = 0; g < group; ++g) column += stride * groups[g].count();
+      out.values += column;
+      out.dims = 2;
+      out.shape[0] = splats.count(), out.shape[1] = 2;
+      out.strides[0] = static_cast<std::int64_t>(stride), out.strides[1] = 1;
     } else {
       put_picture(out, name == UBS_ARRAY_V_RGB ? r.v_rgb_shape : session.renderer().shape(),
                   name == UBS_ARRAY_RGB || name == UBS_ARRAY_V_RGB);

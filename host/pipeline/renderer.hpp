@@ -145,6 +145,10 @@ class Renderer {
   // Returns v_image() for a view of this size before forward() is called. It is filled with zeros, and
   // forward() does not change it.
   BufferView<float> v_image(const ImageShape& shape);
+  // Returns the projected splats of the last view (splats of all groups, kSplatStride).
+  BufferView<float> records() const {
+    return {records_.view().memory, static_cast<std::size_t>(count_) * kSplatStride};
+  }
   // Returns the gradient of the projected splats (splats of all groups, kGradStride), after the first half of
   // backward().
   BufferView<float> v_records() const {

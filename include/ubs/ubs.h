@@ -368,7 +368,12 @@ typedef enum ubs_array_name {
   UBS_ARRAY_DEPTH = 3,         /* (height, width) */
   UBS_ARRAY_V_RGB = 4,   /* zeros; the caller sets height and width as the first two entries of `shape`. Write
                             a gradient to it and pass it to ubs_renderer_vjp as rgb, without alpha */
-  UBS_ARRAY_GRADIENT = 5 /* like the parameters: the last gradient that the renderer computed */
+  UBS_ARRAY_GRADIENT = 5, /* like the parameters: the last gradient that the renderer computed */
+  UBS_ARRAY_EXTENTS = 6,  /* (splats, 2): half the width and height [px] of the rectangle around the ellipse of each
+                             splat in the last image; undefined for splats outside of the near and far planes */
+  UBS_ARRAY_V_MEANS2D = 7 /* (splats, 2): the last gradient with respect to the position of each splat in the image
+                             [1/px], or the sums of UBS_RENDER_ABSGRAD. May be written: UBS_ARRAY_GRADIENT and
+                             ubs_renderer_camera_gradient are then computed from the written values */
 } ubs_array_name;
 
 typedef struct ubs_array {
@@ -380,8 +385,8 @@ typedef struct ubs_array {
 } ubs_array;
 
 /* Returns an array after waiting for the renderer. The program must have finished using the array before its
- * next call that uses this device. The array is valid until the renderer renders a view of another size.
- * `group` is the number of a group of splats, for parameters and gradient. */
+ * next call that uses this device. The array is valid until the renderer renders a view of another size or gets
+ * another model. `group` is the number of a group of splats, for arrays with an entry per splat. */
 UBS_API ubs_status ubs_renderer_get_array(ubs_renderer* renderer, ubs_array_name name, uint32_t group,
                                           ubs_array* array);
 

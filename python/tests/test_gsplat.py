@@ -168,11 +168,13 @@ def norm_error(found: Any, expected: Any) -> float:
     return float((found.double() - expected).norm() / expected.norm())
 
 
-def compare(s: Tensors, name: str, packed: bool, **options: Any) -> dict[str, float]:
+def compare(
+    s: Tensors, name: str, packed: bool, fixed: tuple[str, ...] = (), **options: Any
+) -> dict[str, float]:
     """Returns the largest errors: absolute for pixels and alpha, relative for depths, and relative 2-norms for
-    gradients."""
+    gradients. The tensors in `fixed` need no gradient."""
     g = torch.Generator().manual_seed(7)
-    mine = {k: v.clone().requires_grad_() for k, v in s.items()}
+    mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
     exact = {k: v.double().requires_grad_() for k, v in s.items()}
     cameras, splats = len(s["viewmats"]), len(s["means"])
     mode, degree = options.get("render_mode", "RGB"), options.get("sh_degree")
@@ -201,7 +203,7 @@ def compare(s: Tensors, name: str, packed: bool, **options: Any) -> dict[str, fl
     total.backward()
     wanted.backward()
     for key in s:
-        if exact[key].grad is not None:
+        if exact[key].grad is not None and key not in fixed:
             found = mine[key].grad
             errors[key] = norm_error(found, exact[key].grad)
     found = meta["means2d"].grad
@@ -256,6 +258,106 @@ def case(name: str) -> Tensors:
 @pytest.mark.parametrize("name", CASES)
 def test_pixels_and_gradients_are_those_of_float64(name: str, packed: bool) -> None:
     within(compare(case(name), name, packed, **CASES[name]))
+
+
+CAMERA = ("viewmats", "Ks")
+
+
+@pytest.fixture
+def fused_calls(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Returns a list with an entry for each image set for which the device projected the Gaussians itself."""
+    calls: list[bool] = []
+    render = ubs.gsplat.fused.render
+
+    def recorded(*arguments: Any) -> Any:
+        found = render(*arguments)
+        if found is not None:
+            calls.append(True)
+        return found
+
+    monkeypatch.setattr(ubs.gsplat.fused, "render", recorded)
+    return calls
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("name", ["0", "1", "2", "3", "1 of 3", "opaque"])
+def test_projection_on_the_device(name: str, packed: bool, fused_calls: list[bool]) -> None:
+    s, degree = case("sh 3"), 1 if name == "1 of 3" else 3 if name == "opaque" else int(name)
+    if name not in ("1 of 3", "opaque"):
+        s["colors"] = s["colors"][:, : (degree + 1) ** 2]
+    if name == "opaque":
+        s["opacities"] = 0.9 + 0.1 * torch.rand(120, generator=torch.Generator().manual_seed(2))
+        s["opacities"][:20] = 1
+        s["scales"] = s["scales"] + 0.2
+    errors = compare(s, f"projected, sh {name}", packed, CAMERA, sh_degree=degree)
+    assert fused_calls == [True]
+    within(errors)
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_both_routes_agree(packed: bool, fused_calls: list[bool]) -> None:
+    """Tests all entries of the dictionary, and a loss of positions, depths and conics as well as of pixels."""
+    s = case("sh 3")
+    s["means"][::5, 0] += 3  # these are partly outside of the images
+    s["means"][::9, 2] -= 9  # these are behind the cameras
+    s["opacities"][::7] = 0.003
+    found = []
+    for fixed in (CAMERA, ()):
+        mine = {k: v.clone().requires_grad_(k not in fixed) for k, v in s.items()}
+        images, alphas, meta = rasterization(**mine, width=WIDTH, height=HEIGHT, packed=packed, sh_degree=3)
+        meta["means2d"].retain_grad()
+        loss = (images * torch.linspace(-1, 1, images.numel()).reshape(images.shape)).sum() + alphas.square().sum()
+        sure = (meta["radii"] > 0).all(-1)
+        for key, weight in (("means2d", 0.1), ("depths", 2.0), ("conics", 3.0)):
+            loss = loss + weight * meta[key][sure].square().sum()
+        loss.backward()
+        found.append((images, alphas, meta, mine))
+    assert fused_calls == [True]
+    (images, alphas, meta, mine), (images2, alphas2, meta2, mine2) = found
+    assert float((images - images2).abs().max()) < 2e-6 and float((alphas - alphas2).abs().max()) < 2e-6
+    assert set(meta2) <= set(meta) | {"conics"} and "conics" in meta and "isect_ids" not in meta
+    for key in meta2:
+        a, b = meta[key], meta2[key]
+        if not isinstance(b, torch.Tensor) or not b.is_floating_point():
+            assert torch.equal(a, b) if isinstance(b, torch.Tensor) else a == b, key
+        else:
+            sure = (meta2["radii"] > 0).all(-1)
+            assert a.shape == b.shape and torch.allclose(a[sure], b[sure], rtol=2e-5, atol=2e-5), key
+    for key in (*s, "means2d"):
+        if key not in CAMERA:
+            a, b = (meta["means2d"].grad, meta2["means2d"].grad) if key == "means2d" else (mine[key].grad, mine2[key].grad)
+            assert norm_error(a, b.double()) < 2e-5, key
+
+
+def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None:
+    s, other = case("sh 3"), case("sh 3")
+    other["means"] = other["means"] + 0.1
+    inputs = [{k: v.clone().requires_grad_(k not in CAMERA) for k, v in t.items()} for t in (s, other)]
+    images = [rasterization(**t, width=WIDTH, height=HEIGHT, sh_degree=3)[0] for t in inputs]
+    for image in images:
+        image.square().sum().backward(retain_graph=True)
+    first = [t["means"].grad.clone() for t in inputs]
+    assert not torch.equal(*first)
+    images[1].square().sum().backward()
+    images[0].square().sum().backward()
+    for t, gradient in zip(inputs, first):
+        assert torch.equal(t["means"].grad, 2 * gradient)
+    with torch.no_grad():
+        assert torch.equal(rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=3)[0], images[0])
+    assert len(fused_calls) == 3
+
+
+@pytest.mark.parametrize("change", ["turned", "negative scales", "radius_clip", "absgrad", "near plane of 0"])
+def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[bool]) -> None:
+    s, options = case("sh 1"), {}
+    if change == "turned":
+        s["viewmats"][:, :3, :3] *= 1.01
+    elif change == "negative scales":
+        s["scales"] *= -1
+    else:
+        options = {"radius_clip": {"radius_clip": 2.0}, "absgrad": {"absgrad": True}}.get(change, {"near_plane": 0.0})
+    images, _, meta = rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=1, **options)
+    assert not fused_calls and float(images.max()) > 0.1 and meta["conics"].shape[-1] == 3
 
 
 def within(errors: dict[str, float]) -> None:

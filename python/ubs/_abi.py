@@ -158,7 +158,8 @@ class Array(Struct):
     ]
 
 
-ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient")  # in the order of ubs_array_name
+# In the order of ubs_array_name
+ARRAYS = ("parameters", "rgb", "transmittance", "depth", "v_rgb", "gradient", "extents", "v_means2d")
 
 
 class Falloff(Struct):

@@ -380,10 +380,14 @@ class Renderer(_abi.Handle):
           which is 1 - alpha; and "depth" (H, W)
         - "v_rgb": zeros of `size` (H, W, 3), to be written and passed to vjp()
         - "gradient" (rows, splats), after vjp() or loss()
+        - "extents" (splats, 2): half the width and height [px] of the rectangle around each splat in the last image;
+          undefined for splats outside of the near and far planes
+        - "v_means2d" (splats, 2), after vjp() or loss(): the gradient with respect to the position of each splat in the
+          image [1/px]; may be written, and "gradient" is then computed from the written values
 
         When this function returns, the library has finished using the array. The caller must finish using it, including
-        work in streams, before the next call of this renderer. The array is valid until a view of another size is
-        rendered; such a view is refused while the array is in use."""
+        work in streams, before the next call of this renderer. The array is valid until update(), or until a view of
+        another size is rendered; such a view is refused while an array of pixels is in use."""
         if name not in _abi.ARRAYS:
             raise UsageError(f"there is no array '{name}': {', '.join(_abi.ARRAYS)}")
         if not all(0 <= n < 2**31 for n in size):
@@ -397,7 +401,7 @@ class Renderer(_abi.Handle):
             found = DeviceArray(self, array)
             if name == "v_rgb":
                 self._v_rgb = found.address
-            if name not in ("parameters", "gradient"):
+            if name not in ("parameters", "gradient", "extents", "v_means2d"):
                 self._lent.append(weakref.ref(found))
         return found
 

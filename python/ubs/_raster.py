@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 import weakref
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Iterator, TypeVar, cast
 
 import numpy as np
@@ -25,39 +26,67 @@ from ._model import Model, Renderer
 
 Result = TypeVar("Result")
 
-# Parameters of flat splats by kernel, and the number of values of each
-NAMES = {
-    "gaussian": ("xyz", "rgb", "opacity", "scale", "l_triangle"),
-    "beta": ("xyz", "rgb", "opacity", "beta", "scale", "l_triangle"),
-}
-WIDTHS = {"xyz": 3, "rgb": 3, "opacity": 1, "beta": 1, "scale": 3, "l_triangle": 3}
 # Thickness of a flat splat, relative to its larger half-axis. The kernels raise smaller values than UBS_NEEDLE_CHOLESKY
 # (kernels/limits.h) to that minimum; this value is slightly above it.
 THICKNESS = 4e-4
-BEHIND = -1.0  # a depth that is not visible to any camera
+BEHIND = -1.0  # a depth that the camera of flat splats does not see
+INVISIBLE = -100.0  # a raw opacity that no Gaussian is rendered with
 FREE_SLOTS = 3  # number of renderers that are kept, for all devices together
 
 
-class Slot:
-    """A renderer with a capacity for a number of splats. Unused rows are behind the camera. The caller must hold the
-    lock while using it. `kernel` is a key of NAMES. With `absgrad`, the gradients of xyz are sums of absolute values.
-    `falloff` replaces the kernel beta."""
+@dataclass(frozen=True)
+class Form:
+    """The splats that a renderer renders, and its settings."""
 
-    def __init__(self, device: Device, room: int, kernel: str, absgrad: bool, falloff: Falloff | None) -> None:
-        self.device, self.room, self.kernel, self.absgrad, self.falloff = device, room, kernel, absgrad, falloff
+    kernel: str  # "gaussian" or "beta"
+    absgrad: bool = False  # the gradients of xyz are sums of absolute values
+    falloff: Falloff | None = None  # replaces the kernel beta
+    # Degree of the harmonics of splats with quaternions. None: flat splats with the colours themselves.
+    degree: int | None = None
+    eps2d: float = 0
+    planes: tuple[float, float] = (1e-6, 1e30)  # the near and the far plane
+
+    def settings(self) -> dict[str, Any]:
+        near, far = self.planes
+        shape = {"cov_param": "cholesky"}
+        if self.degree is not None:
+            shape = {"rot_mode": "quaternion", "colour": f"sh{self.degree}"}
+        planes = {"near_plane": near, "far_plane": far}
+        return {"dim": 3, "kernel": self.kernel, "eps2d": self.eps2d, "background": (0, 0, 0), **shape, **planes}
+
+    def widths(self) -> dict[str, int]:
+        """Returns the parameters in the order of the library, with the number of values per splat."""
+        colours = {"rgb": 3}
+        if self.degree is not None:
+            rest = (self.degree + 1) ** 2 - 1
+            colours = {"sh0": 3, "sh_rest": 3 * rest} if rest else {"sh0": 3}
+        shape = {"l_triangle": 3} if self.degree is None else {"rotation": 4}
+        beta = {"beta": 1} if self.kernel == "beta" else {}
+        return {"xyz": 3, **colours, "opacity": 1, **beta, "scale": 3, **shape}
+
+
+# Number of splats whose harmonics are transposed at once, so that they stay in the cache of a core. With a power of two,
+# rows would compete for the same places in the cache.
+CHUNK = 3000
+
+
+class Slot:
+    """A renderer with a capacity for a number of splats. Unused rows are not rendered. The caller must hold the lock
+    while using it."""
+
+    def __init__(self, device: Device, room: int, form: Form) -> None:
+        self.device, self.room, self.form = device, room, form
         self.lock = threading.Lock()
-        self.model = Model.empty(
-            dim=3, splats=room, kernel=kernel, cov_param="cholesky", eps2d=0, near_plane=1e-6, far_plane=1e30,
-            background=(0, 0, 0),
-        )
-        self.renderer = Renderer(self.model, device, gradients=True, absgrad=absgrad, falloff=falloff)
-        values = self.model.parameters
-        if tuple(values) != NAMES[kernel]:
-            raise UsageError(f"the library has the parameters {tuple(values)}, but the package expects {NAMES[kernel]}")
+        self.model = Model.empty(splats=room, **form.settings())
+        self.renderer = Renderer(self.model, device, gradients=True, absgrad=form.absgrad, falloff=form.falloff)
+        values, self.widths = self.model.parameters, form.widths()
+        if {name: values[name].shape[1] for name in values} != self.widths:
+            raise UsageError(f"the library has the parameters {tuple(values)}, not {tuple(self.widths)} as expected")
         self.host = {name: torch.from_numpy(values[name].T) for name in values}
         self.used = room
         self.holds: object = None  # identifies the current values, see put()
-        self.kept = False  # whether the device has the data for the gradient of the image of these values
+        # Camera of the image that the device can differentiate without rendering it again
+        self.kept: Camera | None = None
         try:
             self.renderer.array("parameters")
             self.shared = True  # memory is shared with other packages: CUDA, or a CPU with PoCL
@@ -69,18 +98,27 @@ class Slot:
         return tensor
 
     def _split(self, rows: Tensor) -> dict[str, Tensor]:
-        names = NAMES[self.kernel]
-        return dict(zip(names, rows.split([WIDTHS[name] for name in names])))
+        return dict(zip(self.widths, rows.split(list(self.widths.values()))))
 
     def put(self, holder: object, values: dict[str, Tensor]) -> None:
-        """Copies rows (values per splat, splats) of these parameters to the device."""
-        self.holds, self.kept = None, False
+        """Copies rows (values per splat, splats) of these parameters to the device; those of harmonics may be (channels,
+        coefficients, splats)."""
+        self.holds, self.kept = None, None
         parts = self._split(self._array("parameters")) if self.shared else self.host
         for name, value in values.items():
-            parts[name][:, : value.shape[1]].copy_(value)
+            part = parts[name][:, : value.shape[-1]]
+            if value.dim() == 3:  # (channels, coefficients, splats)
+                part = part.unflatten(0, value.shape[:2])
+                for first in range(0, value.shape[-1], CHUNK):
+                    part[..., first : first + CHUNK] = value[..., first : first + CHUNK]
+            else:
+                part.copy_(value)
         if "xyz" in values:
             count = values["xyz"].shape[1]
-            parts["xyz"][2, count : self.used] = BEHIND
+            if self.form.degree is None:
+                parts["xyz"][2, count : self.used] = BEHIND
+            else:  # the camera may be anywhere
+                parts["opacity"][:, count : self.used] = INVISIBLE
             self.used = count
         if self.shared:
             _wait(parts["xyz"], *values.values())
@@ -92,31 +130,45 @@ class Slot:
         """Renders, and returns copies of the image (H, W, 3) and of its alpha (H, W)."""
         if not self.shared:
             image = self.renderer.render(camera, for_gradient=for_gradient)
-            self.kept = for_gradient
+            self.kept = camera if for_gradient else None
             return torch.from_numpy(image.rgb).to(where), torch.from_numpy(image.alpha).to(where)
         self.renderer.draw(camera, for_gradient=for_gradient)
-        self.kept = for_gradient
+        self.kept = camera if for_gradient else None
         rgb = torch.empty((camera.height, camera.width, 3), dtype=torch.float32, device=where)
         rgb.copy_(self._array("rgb"))
         alpha = (1 - self._array("transmittance")).to(where)
         _wait(rgb, alpha)
         return rgb, alpha
 
+    def extents(self) -> Tensor:
+        """Returns half the size of the rectangle around each used splat in the last image (splats, 2) [px]. The array is
+        valid until the next call."""
+        return self._array("extents")[: self.used]
+
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
-        """Returns gradients of the used rows of each parameter. They are valid until the next call."""
-        if not self.kept:
+        """Returns gradients of the used rows of each parameter. They are valid until the next call. With harmonics, the
+        entry "means2d" (splats, 2) is the gradient with respect to the positions in the image [1/px], and the others are
+        those for fixed positions."""
+        if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
-        self.kept = False
+        self.kept = None
         if self.shared:
             self.renderer.vjp(None, gradient_on_device(self.renderer, camera, v_rgb, v_alpha), parameters=False)
-            self.kept = v_alpha is None
+            self.kept = camera if v_alpha is None else None
+            found = {}
+            if self.form.degree is not None:
+                v_means2d = self._array("v_means2d")[: self.used]
+                found["means2d"] = v_means2d.clone()
+                v_means2d.zero_()
+                _wait(v_means2d)
             rows = self._array("gradient")[:, : self.used]
             if not is_finite(rows):
                 raise NumericalError("a gradient of the splats is not finite")
-            return self._split(rows)
-        found = self.renderer.vjp(None, *(None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha)))
-        self.kept = v_alpha is None
-        return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in found[0].items()}
+            return {**found, **self._split(rows)}
+        images = (None if v is None else v.contiguous().cpu().numpy() for v in (v_rgb, v_alpha))
+        copied = self.renderer.vjp(None, *images)[0]
+        self.kept = camera if v_alpha is None else None
+        return {name: torch.from_numpy(values.T)[:, : self.used] for name, values in copied.items()}
 
 
 def _wait(*tensors: Tensor) -> None:
@@ -155,15 +207,12 @@ _slots: list[Slot] = []  # the most recently used one is at the end
 _slots_lock = threading.Lock()
 
 
-def slot_for(
-    device: DeviceLike, count: int, kernel: str = "gaussian", absgrad: bool = False, falloff: Falloff | None = None
-) -> Slot:
+def slot_for(device: DeviceLike, count: int, form: Form) -> Slot:
     """Returns a kept renderer whose capacity is sufficient for `count` splats, but not many times larger. If there is
     none, creates one with spare capacity."""
     where = opened(device)
     with _slots_lock:
-        form = where, kernel, absgrad, falloff
-        alike = [s for s in _slots if (s.device, s.kernel, s.absgrad, s.falloff) == form]
+        alike = [s for s in _slots if (s.device, s.form) == (where, form)]
         fitting = [s for s in alike if count <= s.room <= 4 * count + 4096]
         if fitting:
             slot = min(fitting, key=lambda s: s.room)
@@ -171,13 +220,13 @@ def slot_for(
         else:
             # Remove renderers that have become too small for their scene.
             _slots[:] = [s for s in _slots if s not in alike or not count / 2 <= s.room < count]
-            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, kernel, absgrad, falloff)
+            slot = Slot(where, -(-max(count * 5 // 4, 16) // 256) * 256, form)
         _slots.append(slot)
         del _slots[:-FREE_SLOTS]
     return slot
 
 
-def _scale_inverse(scale: Tensor) -> Tensor:
+def scale_inverse(scale: Tensor) -> Tensor:
     return scale + torch.log(-torch.expm1(-scale))
 
 
@@ -190,7 +239,8 @@ def extremes(tensor: Tensor) -> tuple[float, float]:
 
 
 def is_finite(tensor: Tensor) -> bool:
-    return all(map(math.isfinite, extremes(tensor)))
+    # A sum is faster than the minimum and the maximum, but the sum of finite values may overflow.
+    return math.isfinite(float(tensor.detach().sum())) or all(map(math.isfinite, extremes(tensor)))
 
 
 class Rows:
@@ -221,7 +271,7 @@ class Rows:
         self.xyz = torch.cat([centre * self.unit, torch.where(drawn, z * larger, z * BEHIND)[None]])
         l00, l10, l11 = factor
         thin = torch.maximum(l00, l11) * THICKNESS
-        self.scale = _scale_inverse((torch.stack([l00, l11, thin]) * self.unit).clamp_min(1e-30))
+        self.scale = scale_inverse((torch.stack([l00, l11, thin]) * self.unit).clamp_min(1e-30))
         self.triangle = torch.stack([l10 * self.unit, zero, zero])
         self.opacity = torch.logit(opacities.clamp(1e-8, 1 - 2.0**-24))[None]
         self.betas = betas
@@ -239,7 +289,7 @@ class Rows:
         return found if self.betas is None else [*found, v["beta"][0] / self.betas]
 
 
-def _first_order(function: Callable[..., Result]) -> Callable[..., Result]:
+def first_order(function: Callable[..., Result]) -> Callable[..., Result]:
     """torch's once_differentiable, which has no type annotations."""
     made: Callable[..., Result] = cast(Any, torch.autograd.function).once_differentiable(function)
     return made
@@ -319,7 +369,7 @@ class Draw(torch.autograd.Function):
             if not is_finite(tensor):
                 raise NumericalError(f"the projected {name} of a splat is not finite: its parameters are too large")
         ctx.camera = _camera(size)
-        ctx.slot = slot_for(device, count, "gaussian" if betas is None else "beta", falloff=falloff)
+        ctx.slot = slot_for(device, count, Form("gaussian" if betas is None else "beta", falloff=falloff))
         ctx.holder = object()
         images = []
         with ctx.slot.lock:
@@ -332,7 +382,7 @@ class Draw(torch.autograd.Function):
         return image[..., :channels], alpha
 
     @staticmethod
-    @_first_order
+    @first_order
     def backward(ctx: Any, v_image: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
         means2d, factor, depths, colors, opacities, betas = ctx.saved_tensors
         v_colors = torch.zeros_like(colors)
@@ -356,7 +406,7 @@ class Draw(torch.autograd.Function):
                     total = [a + b for a, b in zip(total, rows.gradients(v))]
                     _wait(*total)
             if ctx.absgrad is not None:
-                slot = slot_for(slot.device, len(means2d), slot.kernel, absgrad=True, falloff=slot.falloff)
+                slot = slot_for(slot.device, len(means2d), replace(slot.form, absgrad=True))
                 with slot.lock:
                     for first, v_part, v_weight in ctx.absgrad.chunks(v_image, v_alpha):
                         values = {"rgb": _three(colors[:, : first + ctx.absgrad.chunk], first, depths)}

@@ -124,6 +124,29 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     check(ubs_renderer_vjp(renderer.get(), &camera, &v_image, nullptr));
     CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
     CHECK(std::ranges::any_of(values_of(gradient), [](float x) { return x != 0; }));
+
+    // The gradient of the parameters is the sum of the part that goes through the positions in the image and
+    // the rest.
+    const ubs_array v_means = renderer.array(UBS_ARRAY_V_MEANS2D);
+    REQUIRE(v_means.shape[0] == 70);
+    REQUIRE(v_means.shape[1] == 2);
+    const std::vector<float> moved = values_of(v_means);
+    const auto write = [&](bool zero) {
+      for (std::size_t i = 0; i < 140; ++i)
+        v_means.values[static_cast<std::int64_t>(i / 2) * v_means.strides[0] + static_cast<std::int64_t>(i % 2)] =
+            zero ? 0.0f : moved[i];
+    };
+    write(true);
+    const std::vector<float> rest = values_of(renderer.array(UBS_ARRAY_GRADIENT));
+    CHECK(rest != values_of(gradient));
+    write(false);
+    CHECK(values_of(renderer.array(UBS_ARRAY_GRADIENT)) == values_of(gradient));
+    // A splat with a gradient is in the image, so that its ellipse has an extent.
+    const std::vector<float> extents = values_of(renderer.array(UBS_ARRAY_EXTENTS));
+    int seen = 0;
+    for (std::size_t i = 0; i < 140; ++i)
+      if (moved[i] != 0) CHECK(extents[i] > 0), ++seen;
+    CHECK(seen > 20);
     check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
     check_usage("without depth", [&] { renderer.array(UBS_ARRAY_DEPTH); });
   }

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import Any, Optional, Sequence
+from typing import Any, Callable, Optional, Sequence
 
 import torch
 from torch import Tensor
@@ -13,12 +13,13 @@ from torch import Tensor
 from .._device import DeviceLike
 from .._errors import NumericalError, UsageError
 from .._raster import AbsGrad, SparseGradient, draw, extremes, is_finite
+from . import fused
 from .absent import refusing
+from .fused import LEAST_ALPHA
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
-LEAST_ALPHA = 1 / 255  # splats with a lower alpha are not rendered
 LEAST_COMPENSATION = 0.005  # smallest factor of opacities with rasterize_mode "antialiased"
 REACH = 3.33  # maximum number of standard deviations that radii cover
 
@@ -265,6 +266,38 @@ def _intrinsics(ks: Tensor) -> None:
         raise UsageError("Ks must have focal lengths above 0")
 
 
+def _checked(
+    means: Tensor,
+    covars: Tensor | None,
+    quats: Tensor | None,
+    scales: Tensor | None,
+    viewmats: Tensor,
+    ks: Tensor,
+    eps2d: float,
+    planes: tuple[float, float],
+    model: str,
+) -> tuple[int, ...]:
+    """Checks the arguments of a projection, and returns the batch dimensions."""
+    _choice("camera_model", model, CAMERA_MODELS)
+    *batch, n, _ = _shape(means, "means", 2)
+    cameras = _shape(viewmats, "viewmats", 3)[-3]
+    _check("means", means, (*batch, n, 3))
+    _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
+    _check("Ks", ks, (*batch, cameras, 3, 3), like=means)
+    _intrinsics(ks)
+    _number("eps2d", eps2d)
+    _number("near_plane", planes[0])
+    _number("far_plane", planes[1])
+    if covars is not None:
+        _check("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
+    elif quats is None or scales is None:
+        raise UsageError("pass either covars, or both quats and scales")
+    else:
+        _check("quats", quats, (*batch, n, 4), like=means)
+        _check("scales", scales, (*batch, n, 3), like=means)
+    return tuple(batch)
+
+
 def _projected(
     means: Tensor,
     covars: Tensor | None,
@@ -276,34 +309,20 @@ def _projected(
     eps2d: float,
     planes: tuple[float, float],
     model: str,
-) -> tuple[_Projected, tuple[int, ...]]:
-    """Checks the arguments, joins all batch dimensions, and projects. Also returns the batch dimensions."""
-    _choice("camera_model", model, CAMERA_MODELS)
-    *batch, n, _ = _shape(means, "means", 2)
-    cameras = _shape(viewmats, "viewmats", 3)[-3]
-    _check("means", means, (*batch, n, 3))
-    _check("viewmats", viewmats, (*batch, cameras, 4, 4), like=means)
-    _check("Ks", ks, (*batch, cameras, 3, 3), like=means)
-    _intrinsics(ks)
-    _number("eps2d", eps2d)
-    _number("near_plane", planes[0])
-    _number("far_plane", planes[1])
-    flat = math.prod(batch)
+) -> _Projected:
+    """Joins all batch dimensions, and projects. The arguments have been checked."""
+    n, cameras = means.shape[-2], viewmats.shape[-3]
+    flat = math.prod(means.shape[:-2])
     axes = None
-    if covars is None:
-        if quats is None or scales is None:
-            raise UsageError("pass either covars, or both quats and scales")
-        _check("quats", quats, (*batch, n, 4), like=means)
-        _check("scales", scales, (*batch, n, 3), like=means)
-        axes = _axes(quats.reshape(flat, n, 4), scales.reshape(flat, n, 3))
+    if covars is not None:
+        covars = _symmetric(covars.reshape(flat, n, *covars.shape[means.dim() - 1 :]))
     else:
-        _check("covars", covars, (*batch, n, 3, 3), (*batch, n, 6), like=means)
-        covars = _symmetric(covars.reshape(flat, n, *covars.shape[len(batch) + 1 :]))
-    seen = _Projected(
+        assert quats is not None and scales is not None
+        axes = _axes(quats.reshape(flat, n, 4), scales.reshape(flat, n, 3))
+    return _Projected(
         means.reshape(flat, n, 3), axes, covars, viewmats.reshape(flat, cameras, 4, 4),
         ks.reshape(flat, cameras, 3, 3), size, model, planes, eps2d,
     )
-    return seen, tuple(batch)
 
 
 def fully_fused_projection(
@@ -338,7 +357,8 @@ def fully_fused_projection(
         means, covars, quats, scales = _with_sparse_gradients(packed, rows, means, covars, quats, scales)
     size = (_side("width", width), _side("height", height))
     planes = (near_plane, far_plane)
-    seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+    batch = _checked(means, covars, quats, scales, viewmats, Ks, eps2d, planes, camera_model)
+    seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     strength = None
     if opacities is not None:
         _check("opacities", opacities, (*batch, means.shape[-2]), like=means)
@@ -369,10 +389,19 @@ def _with_sparse_gradients(packed: bool, rows: list[Tensor], *tensors: Tensor | 
 
 
 class Meta(dict):  # type: ignore[type-arg]
-    """The values that rasterization() returns in addition to images and alphas, by their names in gsplat."""
+    """The values that rasterization() returns in addition to images and alphas, by their names in gsplat. Values that
+    few callers need are computed when they are read."""
+
+    later: dict[str, Callable[[], Tensor]] = {}
 
     def __missing__(self, key: str) -> Any:
-        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join(self)}")
+        if key in self.later:
+            self[key] = self.later[key]()
+            return self[key]
+        raise KeyError(f"{key}: ubs does not return this value: choose one of {', '.join([*self, *self.later])}")
+
+    def __contains__(self, key: object) -> bool:
+        return super().__contains__(key) or key in self.later
 
 
 def rasterization(
@@ -450,16 +479,40 @@ def rasterization(
     size = (_side("width", width), _side("height", height))
     tile_size = _side("tile_size", tile_size)
     planes = (near_plane, far_plane)
-    seen, batch = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+    batch = _checked(means, covars, quats, scales, viewmats, Ks, eps2d, planes, camera_model)
     n, cameras, flat = means.shape[-2], viewmats.shape[-3], math.prod(batch)
     _check("opacities", opacities, (*batch, n), like=means)
     least, most = extremes(opacities)
     if least < 0 or most > 1:
         raise UsageError("opacities must be from 0 to 1: apply torch.sigmoid to parameters without bounds")
+    _number("radius_clip", radius_clip)
+    if channel_chunk < 1:
+        raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
+    meta = Meta(
+        width=width, height=height, tile_size=tile_size, tile_width=-(-width // tile_size),
+        tile_height=-(-height // tile_size), n_batches=flat, n_cameras=cameras,
+    )
     strength = opacities.reshape(flat, 1, n).expand(flat, cameras, n)
+    plain = (camera_model, render_mode, rasterize_mode) == ("pinhole", "RGB", "classic")
+    special = batch or absgrad or sparse_grad or radius_clip > 0 or covars is not None or extra_signals is not None
+    if plain and not special and fused.supports(colors, scales, viewmats, Ks, sh_degree, planes, eps2d):
+        assert quats is not None and scales is not None and sh_degree is not None
+        _check("colors", colors, tuple(colors.shape), like=means)
+        splats = fused.Gaussians(means, quats, scales, opacities, colors, int(sh_degree))
+        pictures = fused.render(splats, viewmats, Ks, size, planes, eps2d, packed, device, meta)
+        if pictures is not None:
+
+            def conics() -> Tensor:
+                seen = _projected(means, None, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
+                return seen.conics()[0][(meta["camera_ids"], meta["gaussian_ids"]) if packed else ...]
+
+            meta.later = {"conics": conics}
+            grounds = _grounds(backgrounds, means, batch, cameras, 3, 0, render_mode)
+            return *_blended(pictures, grounds, render_mode, means, (cameras, height, width)), meta
+    seen = _projected(means, covars, quats, scales, viewmats, Ks, size, eps2d, planes, camera_model)
     if rasterize_mode == "antialiased":
         strength = strength * seen.compensation
-    radii = seen.radii(size, strength, _number("radius_clip", radius_clip))
+    radii = seen.radii(size, strength, radius_clip)
     visible = (radii > 0).all(-1)
     ids = torch.where(visible) if packed else None
     if sparse_grad and ids is not None:
@@ -485,8 +538,6 @@ def rasterization(
     if "D" in render_mode:
         bands.append(depths[..., None])
     values = torch.cat(bands, -1) if len(bands) > 1 else bands[0]
-    if channel_chunk < 1:
-        raise UsageError(f"channel_chunk={channel_chunk} must be at least 1")
     chunk = min(channel_chunk, 3)  # number of channels per sum of absolute gradients
     if absgrad:
         recorded = torch.is_grad_enabled() and any(t.requires_grad for t in (means2d, factor, values, strength))
@@ -501,51 +552,42 @@ def rasterization(
     parts = [means2d.reshape(-1, 2), factor.reshape(3, -1), chosen(order).reshape(-1)]
     parts += [values.reshape(-1, values.shape[-1]), strength.reshape(-1)]
     split = [part.split(counts, dim=int(k == 1)) for k, part in enumerate(parts)]
-    images, alphas = [], []
+    pictures = []
     for k in range(flat * cameras):
         ground = None if grounds is None else grounds[k]
         sums = AbsGrad(means2d, sum(counts[:k]), chunk, ground) if absgrad else None
-        image, alpha = draw(size, device, sums, *(part[k] for part in split))
-        alpha = alpha[..., None]
-        if ground is not None:
-            image = image + (1 - alpha) * ground
-        if "ED" in render_mode:
-            image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
-        images.append(image)
-        alphas.append(alpha)
-    shape = (*batch, cameras, height, width)
-
-    def whole(pictures: list[Tensor], channels: int) -> Tensor:
-        if not pictures:
-            return means.new_zeros((*shape, channels))
-        return torch.stack(pictures).reshape(*shape, channels)
+        pictures.append(draw(size, device, sums, *(part[k] for part in split)))
+    colours, alphas = _blended(pictures, grounds, render_mode, values, (*batch, cameras, height, width))
 
     def out(tensor: Tensor) -> Tensor:
         return tensor if ids is not None else tensor.reshape(*batch, *tensor.shape[1:])
 
-    colours = whole(images, values.shape[-1])
-    meta = Meta(
-        batch_ids=None if ids is None else ids[0],
-        camera_ids=None if ids is None else ids[1],
-        gaussian_ids=None if ids is None else ids[2],
-        radii=out(radii),
-        means2d=means2d,
-        depths=out(depths),
-        conics=out(conics),
-        opacities=out(strength),
-        width=width,
-        height=height,
-        tile_size=tile_size,
-        tile_width=-(-width // tile_size),
-        tile_height=-(-height // tile_size),
-        n_batches=flat,
-        n_cameras=cameras,
-    )
+    meta.update(zip(("batch_ids", "camera_ids", "gaussian_ids"), ids or (None, None, None)))
+    meta.update(radii=out(radii), means2d=means2d, depths=out(depths), conics=out(conics), opacities=out(strength))
     if extra_signals is not None:
         last = colours.shape[-1] - ("D" in render_mode)
         meta["render_extra_signals"] = colours[..., last - extra : last]
         colours = torch.cat([colours[..., : last - extra], colours[..., last:]], -1)
-    return colours, whole(alphas, 1), meta
+    return colours, alphas, meta
+
+
+def _blended(
+    pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, values: Tensor, shape: tuple[int, ...]
+) -> tuple[Tensor, Tensor]:
+    """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). `values` (..., D) are what was rendered, and
+    `shape` is that of all images together, without channels."""
+    if not pictures:
+        return values.new_zeros((*shape, values.shape[-1])), values.new_zeros((*shape, 1))
+    images, alphas = [], []
+    for k, (image, weight) in enumerate(pictures):
+        alpha = weight[..., None]
+        if grounds is not None:
+            image = image + (1 - alpha) * grounds[k]
+        if "ED" in mode:
+            image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp_min(1e-10)], -1)
+        images.append(image)
+        alphas.append(alpha)
+    return torch.stack(images).reshape(*shape, values.shape[-1]), torch.stack(alphas).reshape(*shape, 1)
 
 
 def _shaded(
