@@ -325,7 +325,7 @@ def test_both_routes_agree(packed: bool, fused_calls: list[bool]) -> None:
             assert a.shape == b.shape and torch.allclose(a[sure], b[sure], rtol=2e-5, atol=2e-5), key
     for key in (*s, "means2d"):
         if key not in CAMERA:
-            a, b = (meta["means2d"].grad, meta2["means2d"].grad) if key == "means2d" else (mine[key].grad, mine2[key].grad)
+            a, b = (m["means2d"].grad if key == "means2d" else t[key].grad for m, t in ((meta, mine), (meta2, mine2)))
             assert norm_error(a, b.double()) < 2e-5, key
 
 

@@ -65,8 +65,8 @@ class Form:
         return {"xyz": 3, **colours, "opacity": 1, **beta, "scale": 3, **shape}
 
 
-# Number of splats whose harmonics are transposed at once, so that they stay in the cache of a core. With a power of two,
-# rows would compete for the same places in the cache.
+# Number of splats whose harmonics are transposed at once, so that they stay in the cache of a core. With a power of
+# two, rows would compete for the same places in the cache.
 CHUNK = 3000
 
 
@@ -101,8 +101,8 @@ class Slot:
         return dict(zip(self.widths, rows.split(list(self.widths.values()))))
 
     def put(self, holder: object, values: dict[str, Tensor]) -> None:
-        """Copies rows (values per splat, splats) of these parameters to the device; those of harmonics may be (channels,
-        coefficients, splats)."""
+        """Copies rows (values per splat, splats) of these parameters to the device; those of harmonics may be
+        (channels, coefficients, splats)."""
         self.holds, self.kept = None, None
         parts = self._split(self._array("parameters")) if self.shared else self.host
         for name, value in values.items():
@@ -141,14 +141,14 @@ class Slot:
         return rgb, alpha
 
     def extents(self) -> Tensor:
-        """Returns half the size of the rectangle around each used splat in the last image (splats, 2) [px]. The array is
-        valid until the next call."""
+        """Returns half the size of the rectangle around each used splat in the last image (splats, 2) [px]. The array
+        is valid until the next call."""
         return self._array("extents")[: self.used]
 
     def differentiate(self, camera: Camera, v_rgb: Tensor | None, v_alpha: Tensor | None) -> dict[str, Tensor]:
         """Returns gradients of the used rows of each parameter. They are valid until the next call. With harmonics, the
-        entry "means2d" (splats, 2) is the gradient with respect to the positions in the image [1/px], and the others are
-        those for fixed positions."""
+        entry "means2d" (splats, 2) is the gradient with respect to the positions in the image [1/px], and the others
+        are those for fixed positions."""
         if self.kept is not camera:
             self.renderer.draw(camera, for_gradient=True)
         self.kept = None

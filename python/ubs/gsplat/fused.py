@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast route of rasterization(): the device projects the Gaussians and evaluates their harmonics.
 
-It is taken by the call of most trainers: quaternions, scales and shared harmonics up to degree 3, seen by pinhole cameras
-whose matrices need no gradients. Only the positions in the image are computed by PyTorch too, so that means2d is a tensor
-with a gradient. The device returns the gradient with respect to these positions, and the gradients of the parameters for
-fixed positions; PyTorch adds the part that goes through the positions."""
+The calls of most trainers take it: quaternions, scales and shared harmonics up to degree 3, seen by pinhole cameras
+whose matrices need no gradients. PyTorch computes only the positions in the image, a second time, so that means2d is a
+tensor with a gradient. The device returns the gradient with respect to these positions, and the gradients of the
+parameters for fixed positions; PyTorch adds the part that goes through the positions."""
 
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ def supports(
     colors: Any, scales: Tensor | None, viewmats: Tensor, ks: Tensor, degree: int | None, planes: tuple[float, float],
     eps2d: float,
 ) -> bool:
-    """Returns whether the device can render a call without batch dimensions. The caller has checked all arguments except
-    colors."""
+    """Returns whether the device can render a call without batch dimensions. The caller has checked all arguments
+    except colors."""
     if degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor) or scales is None or len(viewmats) == 0:
         return False
     if len(scales) == 0 or not bool((scales > LEAST_SCALE).all()):
@@ -146,7 +146,8 @@ class Render(torch.autograd.Function):
     def backward(ctx: Any, v_rgb: Tensor | None, v_alpha: Tensor | None) -> tuple[Any, ...]:
         if v_rgb is None and v_alpha is None:
             return (None,) * 9
-        splats = Gaussians(*ctx.saved_tensors, ctx.degree)
+        means, quats, scales, opacities, colors = ctx.saved_tensors
+        splats = Gaussians(means, quats, scales, opacities, colors, ctx.degree)
         slot: Slot = ctx.slot
         with slot.lock:
             if slot.holds is not ctx.holder:
@@ -187,7 +188,8 @@ def render(
 
 
 def _radii(
-    extents: Tensor, points: Tensor, depths: Tensor, opacities: Tensor, size: tuple[int, int], planes: tuple[float, float]
+    extents: Tensor, points: Tensor, depths: Tensor, opacities: Tensor, size: tuple[int, int],
+    planes: tuple[float, float],
 ) -> Tensor:
     """Returns the radii (C, n, 2) of the ellipses in whole pixels; 0 if no part of one is in the image."""
     with torch.no_grad():

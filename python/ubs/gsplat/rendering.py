@@ -572,10 +572,11 @@ def rasterization(
 
 
 def _blended(
-    pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, values: Tensor, shape: tuple[int, ...]
+    pictures: list[tuple[Tensor, Tensor]], grounds: list[Tensor] | None, mode: str, values: Tensor,
+    shape: tuple[int, ...],
 ) -> tuple[Tensor, Tensor]:
-    """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). `values` (..., D) are what was rendered, and
-    `shape` is that of all images together, without channels."""
+    """Blends images (H, W, D) and their alphas (H, W) with backgrounds (D,). `values` (..., D) are what was rendered,
+    and `shape` is that of all images together, without channels."""
     if not pictures:
         return values.new_zeros((*shape, values.shape[-1])), values.new_zeros((*shape, 1))
     images, alphas = [], []
