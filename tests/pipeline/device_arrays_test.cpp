@@ -133,8 +133,8 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     const std::vector<float> moved = values_of(v_means);
     const auto write = [&](bool zero) {
       for (std::size_t i = 0; i < 140; ++i)
-        v_means.values[static_cast<std::int64_t>(i / 2) * v_means.strides[0] + static_cast<std::int64_t>(i % 2)] =
-            zero ? 0.0f : moved[i];
+        v_means.values[static_cast<std::int64_t>(i / 2) * v_means.strides[0] +
+                       static_cast<std::int64_t>(i % 2)] = zero ? 0.0f : moved[i];
     };
     write(true);
     const std::vector<float> rest = values_of(renderer.array(UBS_ARRAY_GRADIENT));
@@ -145,7 +145,10 @@ TEST_CASE("arrays of a renderer in device memory equal the copied values") {
     const std::vector<float> extents = values_of(renderer.array(UBS_ARRAY_EXTENTS));
     int seen = 0;
     for (std::size_t i = 0; i < 140; ++i)
-      if (moved[i] != 0) CHECK(extents[i] > 0), ++seen;
+      if (moved[i] != 0) {
+        CHECK(extents[i] > 0);
+        ++seen;
+      }
     CHECK(seen > 20);
     check_usage("group 1 does not exist", [&] { renderer.array(UBS_ARRAY_GRADIENT, 1); });
     check_usage("without depth", [&] { renderer.array(UBS_ARRAY_DEPTH); });
