@@ -29,6 +29,7 @@ import sys
 import yaml
 
 INTERNAL, USAGE, DATA, INTERRUPTED = 1, 2, 3, 130  # exit codes
+UTF8 = {"encoding": "utf-8", "errors": "surrogateescape"}  # paths may have any bytes
 AVERAGE = "average"  # replaces the name of a scene
 # For each metric: its key in files, its heading, its exact definition, the number of decimals, and whether it measures
 # image quality. Metrics of image quality get a column of differences. The other metrics are costs.
@@ -45,8 +46,6 @@ METRICS = {
 # Settings that change what a run stores or prints, but neither its model nor its measurements.
 WITHOUT_EFFECT = {"image_cache_mb", "cache_folder", "eval_every", "save_renders", "log_every", "checkpoint_every",
                   "allow_outside"}
-# Settings that determine the size of the images.
-READING = ("layout", "images", "downscale", "test_every", "frames", "cache_folder", "allow_outside")
 
 
 class Failure(Exception):
@@ -59,44 +58,46 @@ def need(condition, where, message):
         raise Failure(DATA, f"{where}: {message}")
 
 
-def now():
-    return datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def to_json(value):
-    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
-
-
 def read_json(path):
     """Returns the content of a file, or nothing if it is missing or damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8", errors="surrogateescape"))
+        found = json.loads(path.read_text(**UTF8))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
 
 
 def write(path, text):
-    """Replaces a file atomically: after a crash, or on a full disk, it has the old or the new content."""
+    """Replaces a file. If this fails, the file has the old content."""
     temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with open(temporary, "w", encoding="utf-8", errors="surrogateescape") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    temporary.write_text(text, **UTF8)
+    temporary.replace(path)
+
+
+def json_text(value):
+    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
 
 
 # The executable
 
 
-def why(code, output, log=""):
+def why(code, output, log):
     """Returns the reason why `ubs` failed: its error message, or otherwise how it ended."""
     if errors := re.findall("^ubs: error: (.*)$", output, re.MULTILINE):
         return errors[-1]
-    return (f"ended by signal {-code}" if code < 0 else f"exit code {code}") + (log and f"; see {log}")
+    return (f"ended by signal {-code}" if code < 0 else f"exit code {code}") + f"; see {log}"
+
+
+@functools.cache
+def ask(ubs, *arguments):
+    """Returns the output of the executable."""
+    try:
+        done = subprocess.run([ubs, *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False, **UTF8)
+    except (OSError, ValueError) as error:
+        raise Failure(USAGE, f"{ubs}: cannot be started ({error}): pass --ubs PATH") from error
+    if done.returncode != 0:
+        raise Failure(max(done.returncode, INTERNAL), why(done.returncode, done.stderr, f"{ubs} {arguments[0]}"))
+    return done.stdout
 
 
 def setting_text(value):
@@ -109,26 +110,15 @@ def set_options(settings):
     return [f"--set={key}={setting_text(value)}" for key, value in settings.items()]
 
 
-@functools.cache
-def ask(ubs, *arguments):
-    """Returns the output of the executable."""
-    try:
-        done = subprocess.run([ubs, *arguments], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
-                              errors="surrogateescape", check=False)
-    except (OSError, ValueError) as error:
-        raise Failure(USAGE, f"{ubs}: cannot be started ({error}): pass --ubs PATH") from error
-    if done.returncode != 0:
-        raise Failure(max(done.returncode, INTERNAL), why(done.returncode, done.stderr, f"{ubs} {arguments[0]}"))
-    return done.stdout
-
-
 def all_settings(ubs, given):
     """Returns all settings of a training to which these are passed."""
     return json.loads(ask(ubs, "train", "--print-settings", "--json", *set_options(given)))
 
 
 def image_width(ubs, data, settings):
-    options = set_options({key: settings[key] for key in READING})
+    """Returns the width of the first image, if there is one. The settings for reading data are those of `ubs info`."""
+    reading = set(re.findall("^  --([a-z-]+)", ask(ubs, "info", "--help-all"), re.MULTILINE))
+    options = set_options({key: value for key, value in settings.items() if key.replace("_", "-") in reading})
     splits = json.loads(ask(ubs, "info", str(data), "--json", *options))["splits"].values()
     return next((split["sizes"][0][0] for split in splits if split["sizes"]), 0)
 
@@ -138,8 +128,8 @@ def version_of(ubs):
     if not found:
         raise Failure(USAGE, f"{ubs}: is not the executable ubs: pass --ubs PATH")
     file = pathlib.Path(os.path.realpath(ubs) + ".commit")
-    commit = file.read_text().strip() if file.exists() else "unknown"
-    return {"version": found[1], "build": found[2], "commit": commit}
+    return {"version": found[1], "build": found[2],
+            "commit": file.read_text().strip() if file.exists() else "unknown"}
 
 
 class Child:
@@ -156,14 +146,14 @@ class Child:
         """Runs a command with its output in `log`; returns the exit code and the output. The command runs in a separate
         session, so Ctrl-C only reaches it through `stop`."""
         command = list(map(str, command))
-        with open(log, "w", encoding="utf-8", errors="surrogateescape") as file:
+        with open(log, "w", **UTF8) as file:
             print("$", shlex.join(command), file=file, flush=True)
             self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file,
                                             start_new_session=True)
         if self.stopped:  # a signal arrived before the process started
             self.stop()
         code, self.process = self.process.wait(), None
-        return code, log.read_text(encoding="utf-8", errors="surrogateescape")
+        return code, log.read_text(**UTF8)
 
 
 child = Child()
@@ -272,10 +262,9 @@ class Run:
         self.width = 0  # width of the images that are used
         self.identity = {}  # everything that determines the result on one device and build
         self.end("not run")  # later: done, no data, failed or interrupted
-        self.values, self.paper = {}, {}  # measured and published values by metric
+        self.values, self.paper = {}, row["published"].get(self.place, {})  # measured and published values by metric
         self.lacks = {}  # by metric, the reason why a finished run has no value
         self.record = {}  # job.json, and the build and the device of metrics.json
-        self.present = 0  # number of finished runs of a mean
 
     def end(self, state, reason="", code=0):
         """Sets the state, the reason for it, and the exit code of a failed run."""
@@ -289,8 +278,10 @@ class Run:
             found.insert(0, f"images {self.width} px wide (published: about {self.published_width})")
         return found
 
-    def difference(self, key):
-        return self.values[key] - self.paper[key] if key in self.values and key in self.paper else None
+    def compared(self, key):
+        """Returns the measured value, the published value, and the difference; None where there is none."""
+        ours, paper = self.values.get(key), self.paper.get(key)
+        return ours, paper, None if ours is None or paper is None else ours - paper
 
 
 def deciding(settings):
@@ -325,45 +316,41 @@ def scaled_down(ubs, run, k):
 
 def make_plan(spec, options):
     """Returns the runs that the options select, in the order of the file: rows, then data sets, then scenes."""
-    ubs, rows = options.ubs, [row["name"] for row in spec["rows"]]
-    places = [f"{data}/{scene}" for data, found in spec["sets"].items() for scene in found["scenes"]]
-    short = [place.split("/")[1] for place in places]
-    place_of = {name: place for name, place in zip(short, places) if short.count(name) == 1} | dict(zip(places, places))
-    for option, given, known in (("--rows", options.rows, rows), ("--scenes", options.scenes, place_of),
-                                 ("--scene-folder", options.scene_folder, place_of)):
+    scenes = [scene for found in spec["sets"].values() for scene in found["scenes"]]
+    runs = [Run(row, data, scene) for row in spec["rows"] for data in spec["sets"].values() for scene in data["scenes"]]
+    for option, given, known in (("--rows", options.rows, [row["name"] for row in spec["rows"]]),
+                                 ("--scenes", options.scenes, [*scenes, *(run.place for run in runs)])):
         if unknown := [name for name in given if name not in known]:
-            raise Failure(USAGE, f"{option}: unknown name '{unknown[0]}'; there are: {', '.join(known)}")
+            raise Failure(USAGE, f"{option}: unknown name '{unknown[0]}'; there are: {', '.join(dict.fromkeys(known))}")
     if not options.root.is_dir():
         raise Failure(DATA, f"{options.root}: no such folder: pass the folder of the data sets as --root")
-    chosen = [place_of[name] for name in options.scenes] or places
-    folders = {place_of[name]: options.root / path for name, path in options.scene_folder.items()}
-    runs = [Run(row, data, scene) for row in spec["rows"] if row["name"] in (options.rows or rows)
-            for data in spec["sets"].values() for scene in data["scenes"] if f"{data['name']}/{scene}" in chosen]
+    runs = [run for run in runs if (not options.rows or run.row["name"] in options.rows)
+            and (not options.scenes or run.scene in options.scenes or run.place in options.scenes)]
     for run in runs:
-        run.folder = options.out / "runs" / run.id.replace("/", ".")
-        run.paper = run.row["published"].get(run.place, {})
-        run.data = find_data(run, options.root, run.scene in place_of)
-        if given := folders.get(run.place):
-            run.data = given if given.exists() else None
-        texts = {}
-        for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones take precedence
-            texts |= part.get("settings", {})
-        try:
-            run.published = all_settings(ubs, texts)
-            scaled = scaled_down(ubs, run, options.scale_down) if options.scale_down > 1 else {}
-            run.settings = all_settings(ubs, {**texts, **scaled, **options.set})
-            run.width = image_width(ubs, run.data, run.settings) if run.data else 0
-        except Failure as error:
-            code, message = error.args
-            if message.startswith("--set: "):  # an invalid key or value in --set or in a file
-                raise error if run.published else Failure(DATA, f"{options.spec}: {run.id}: settings: {message[7:]}")
-            run.end("failed", message, code)  # incompatible settings, or unusable data
-        if not run.data:
-            run.end("no data", f"there is no {given}" if given else
-                    f"there is neither {options.root / run.place} nor a folder of its other names")
-        run.identity = {"data": os.path.realpath(run.data or ""), "arguments": options.train_argument,
-                        "settings": deciding(run.settings)}
+        plan_run(run, spec, options, unique=scenes.count(run.scene) == 1)
     return runs
+
+
+def plan_run(run, spec, options, unique):
+    """Finds the data of a run and completes its settings."""
+    run.folder, run.data = options.out / "runs" / run.id.replace("/", "."), find_data(run, options.root, unique)
+    given = {}
+    for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones take precedence
+        given |= part.get("settings", {})
+    try:
+        run.published = all_settings(options.ubs, given)
+        scaled = scaled_down(options.ubs, run, options.scale_down) if options.scale_down > 1 else {}
+        run.settings = all_settings(options.ubs, {**given, **scaled, **dict(options.set)})
+        run.width = image_width(options.ubs, run.data, run.settings) if run.data else 0
+    except Failure as error:
+        code, message = error.args
+        if message.startswith("--set: "):  # an invalid key or value in --set or in a file
+            raise error if run.published else Failure(DATA, f"{options.spec}: {run.id}: settings: {message[7:]}")
+        run.end("failed", message, code)  # incompatible settings, or unusable data
+    if not run.data:
+        run.end("no data", f"there is neither {options.root / run.place} nor a folder of its other names")
+    run.identity = {"data": os.path.realpath(run.data or ""), "arguments": options.train_argument,
+                    "settings": deciding(run.settings)}
 
 
 # Running
@@ -392,32 +379,27 @@ def train(run, options):
     folder, job, checkpoint = run.folder, run.folder / "job.json", run.folder / "checkpoint.ubs"
     record, log = read_json(job), folder / "train.log"
     same = record.get("identity") == run.identity
-    goes_on = options.resume and same and checkpoint.exists()
-    if not goes_on:
+    if options.resume and same and checkpoint.exists():
+        arguments = ["--resume", folder]
+    else:
+        arguments = ["--out", folder, "--overwrite", *set_options(run.settings)]
         folder.mkdir(parents=True, exist_ok=True)
         for file in (job, checkpoint, folder / "metrics.json", folder / "eval.json"):
             file.unlink(missing_ok=True)
         record = {"identity": run.identity, "commit": options.version["commit"], "command": shlex.join(sys.orig_argv),
-                  "host": os.uname().nodename, "begun": now()}
-        write(job, to_json(record))
-    arguments = ["--resume", folder] if goes_on else ["--out", folder, "--overwrite", *set_options(run.settings)]
+                  "host": os.uname().nodename, "begun": datetime.datetime.now().isoformat()}
+        write(job, json_text(record))
     code, output = child.run([options.ubs, "train", "--data", run.data, *arguments, *options.on_device,
                               *options.train_argument], log)
     interrupted = code == INTERRUPTED or (code < 0 and child.stopped)
     if interrupted and (checkpoint.exists() or not (folder / "metrics.json").exists()):
         run.end("interrupted", f"its results so far are in {folder}")
     elif code == 0 or interrupted:  # after the last step, a signal has no effect
-        write(job, to_json(record | {"ended": now()}))
         run.end("failed", f"{folder}/metrics.json: the training did not reach its last iteration", DATA)
         load(run)
     else:
         run.end("failed", why(code, output, log), max(code, INTERNAL))
-        # A damaged checkpoint, or one of another version, device or data, cannot be continued. After other errors, such
-        # as a full disk, it can.
-        if goes_on and ("/checkpoint.ubs: " in run.reason or "the run was started" in run.reason):
-            checkpoint.unlink()
-            train(run, options)
-        elif code == USAGE and not same:  # it did not start: another training may be writing to the folder
+        if code == USAGE and not same:  # it did not start: another training may be writing to the folder
             job.unlink()
 
 
@@ -443,30 +425,17 @@ def measure(run, options):
 def mean(runs):
     """Computes both means of a metric over the runs that have both values, so that a missing scene does not shift the
     difference. If there is no published value, computes the measured mean over all measured runs."""
-    def average(values):
-        return sum(values) / len(values)
-
     found = Run(runs[0].row, runs[0].set, AVERAGE)
     found.end("done")
-    found.present = sum(run.state == "done" for run in runs)
+    found.paper, found.present = {}, sum(run.state == "done" for run in runs)
     for key in METRICS:
-        measured = [run for run in runs if key in run.values]
-        both = [run for run in measured if key in run.paper]
+        both = [run for run in runs if key in run.values and key in run.paper]
+        measured = both or [run for run in runs if key in run.values]
         if measured:
-            found.values[key] = average([run.values[key] for run in both or measured])
+            found.values[key] = sum(run.values[key] for run in measured) / len(measured)
         if both:
-            found.paper[key] = average([run.paper[key] for run in both])
+            found.paper[key] = sum(run.paper[key] for run in both) / len(both)
     return found
-
-
-def compare(spec, runs):
-    """Returns the lines of the tables. Runs are ordered by data set and row, and the mean of a row follows its runs."""
-    lines = []
-    for data in spec["sets"].values():
-        for row in spec["rows"]:
-            own = [run for run in runs if run.set is data and run.row is row]
-            lines += own + ([mean(own)] if own and len(data["scenes"]) > 1 else [])
-    return lines
 
 
 def shown(lines):
@@ -474,21 +443,33 @@ def shown(lines):
     return {key: metric for key, metric in METRICS.items() if any(key in run.values | run.paper for run in lines)}
 
 
-def table_csv(lines):
+def table_texts(spec, runs, options):
+    """Returns table.md, table.csv and table.json. Their lines are ordered by data set and row, and the mean of a row
+    follows its runs."""
+    occasion = {"date": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"), **options.version,
+                "command": shlex.join(sys.orig_argv), "scale_down": options.scale_down}
+    lines = []
+    for data in spec["sets"].values():
+        for row in spec["rows"]:
+            own = [run for run in runs if run.set is data and run.row is row]
+            lines += own + ([mean(own)] if own and len(data["scenes"]) > 1 else [])
+    return markdown(spec, runs, lines, occasion), csv_table(lines), json_table(spec, runs, lines, occasion)
+
+
+def csv_table(lines):
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["row", "dataset", "scene", "state", "metric", "ours", "published", "difference"])
     for run in lines:
         for key in sorted(shown([run])) or [""]:
-            values = (run.values.get(key), run.paper.get(key), run.difference(key))
-            table.writerow([run.row["name"], run.set["name"], run.scene, run.state, key,
-                            *["" if value is None else f"{value:.10g}" for value in values]])
+            values = ["" if value is None else f"{value:.10g}" for value in run.compared(key)]
+            table.writerow([run.row["name"], run.set["name"], run.scene, run.state, key, *values])
     return text.getvalue()
 
 
-def table_json(spec, runs, lines, occasion):
+def json_table(spec, runs, lines, occasion):
     means = [run for run in lines if run.scene == AVERAGE]
-    return to_json({
+    return json_text({
         "experiment": spec["name"], **occasion, "published_source": spec["published"]["source"],
         "metrics": {key: definition for key, (_, definition, _, _) in METRICS.items()},
         "runs": [{"id": run.id, "state": run.state, "reason": run.reason, "lacks": run.lacks,
@@ -497,20 +478,18 @@ def table_json(spec, runs, lines, occasion):
                   "record": run.record or None} for run in runs],
         "means": [{"row": run.row["name"], "dataset": run.set["name"], "scenes_present": run.present,
                    "scenes_planned": len(run.set["scenes"]),
-                   "metrics": {key: {"ours": run.values[key], "published": run.paper.get(key),
-                                     "difference": run.difference(key)} for key in sorted(run.values)}}
-                  for run in means],
+                   "metrics": {key: dict(zip(("ours", "published", "difference"), run.compared(key)))
+                               for key in sorted(run.values)}} for run in means],
         "published_averages": {f"{run.row['name']}/{run.set['name']}": run.row["published"][run.place]
                                for run in means if run.place in run.row["published"]}})
 
 
-def in_line(text):
-    """Returns text for a line or a cell of Markdown."""
-    return text.replace("|", "/").replace("\n", " ")
+def table_row(cells):
+    return "| " + " | ".join(cell.replace("|", "/").replace("\n", " ") for cell in cells) + " |\n"
 
 
 def items(texts):
-    return "".join(f"- {in_line(text)}\n" for text in texts)
+    return "".join("- " + text.replace("\n", " ") + "\n" for text in texts)
 
 
 def grouped(pairs):
@@ -522,33 +501,31 @@ def grouped(pairs):
 
 
 def set_table(data, lines):
-    """Returns the table of one data set."""
-    columns, scenes = shown(lines), len(data["scenes"])
-    rows = [["method", "scene"]]
-    for heading, _, _, quality in columns.values():
-        rows[0] += [heading, "paper", "difference"] if quality else [heading, "paper"]
+    """Returns the table of one data set in Markdown."""
+    def cell(value, decimals, sign=""):
+        return "–" if value is None else f"{value:{sign}.{decimals}f}"
 
-    def add(run, title):
-        def text(value, sign=""):
-            return "–" if value is None else f"{value:{sign}.{decimals}f}"
-
-        rows.append([run.row.get("label", run.row["name"]), title])
-        for key, (_, _, decimals, quality) in columns.items():
-            rows[-1] += [text(run.values.get(key)), text(run.paper.get(key))]
-            rows[-1] += [text(run.difference(key), "+")] if quality else []
-
+    columns, scenes, titled = shown(lines), len(data["scenes"]), []
     for run in lines:
         if run.scene != AVERAGE:
-            add(run, run.about.get("title", run.scene) + (f" ({run.state})" if run.state != "done" else ""))
-            continue
-        add(run, f"mean of {run.present} of {scenes}")
-        if run.place in run.row["published"]:
-            printed = Run(run.row, data, AVERAGE)
-            printed.paper = run.row["published"][run.place]
-            add(printed, f"average as printed, {scenes} scenes")
-    lines = [f"| {' | '.join(map(in_line, row))} |\n" for row in rows]
-    lines.insert(1, "|---" * len(rows[0]) + "|\n")
-    return f"\n## {in_line(data.get('title', data['name']))}\n\n{''.join(lines)}"
+            state = "" if run.state == "done" else f" ({run.state})"
+            titled.append((run.about.get("title", run.scene) + state, run))
+        else:
+            titled.append((f"mean of {run.present} of {scenes}", run))
+            if run.place in run.row["published"]:
+                titled.append((f"average as printed, {scenes} scenes", Run(run.row, data, AVERAGE)))
+    head = ["method", "scene"]
+    for heading, _, _, quality in columns.values():
+        head += [heading, "paper", "difference"] if quality else [heading, "paper"]
+    text = f"\n## {data.get('title', data['name'])}\n\n{table_row(head)}{'|---' * len(head)}|\n"
+    for title, run in titled:
+        cells = [run.row.get("label", run.row["name"]), title]
+        for key, (_, _, decimals, quality) in columns.items():
+            ours, paper, difference = run.compared(key)
+            cells += [cell(ours, decimals), cell(paper, decimals)]
+            cells += [cell(difference, decimals, "+")] if quality else []
+        text += table_row(cells)
+    return text
 
 
 def markdown(spec, runs, lines, occasion):
@@ -600,6 +577,16 @@ def dry_run(runs, options):
     return 0
 
 
+def emit_tasks(runs):
+    """Prints a command for each run that is not finished."""
+    words = [word for word in sys.orig_argv if word != "--emit-tasks"]
+    for run in [run for run in runs if run.state == "not run"]:
+        load(run)
+        if run.state != "done":
+            print(json.dumps({"id": run.id, "command": shlex.join([*words, "--task", run.id])}))
+    return 0
+
+
 def execute(spec, runs, options):
     """Trains and measures unfinished runs, and writes the tables after each run; with --task only prints them."""
     tables = [options.out / f"table.{suffix}" for suffix in ("md", "csv", "json")]
@@ -611,24 +598,8 @@ def execute(spec, runs, options):
     if options.lpips_weights and not os.path.exists(options.lpips_weights):
         raise Failure(DATA, f"{options.lpips_weights}: no such file (--lpips-weights or UBS_LPIPS_WEIGHTS)")
     options.out.mkdir(parents=True, exist_ok=True)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores SIGHUP
-            signal.signal(number, child.stop)
-
-    def save():
-        lines = compare(spec, runs)
-        occasion = {"date": now(), **options.version, "command": shlex.join(sys.orig_argv),
-                    "scale_down": options.scale_down}
-        texts = markdown(spec, runs, lines, occasion), table_csv(lines), table_json(spec, runs, lines, occasion)
-        for path, text in zip(tables, texts):
-            if not options.task:
-                write(path, text)
-        return texts[2 if options.json else 0]
-
-    def say(text):
-        if not options.quiet:
-            print(f"[{number}/{len(runs)}] {run.id}: {text}", file=sys.stderr, flush=True)
-
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, child.stop)
     for run in runs:
         if options.resume and run.state == "not run":
             load(run)
@@ -637,16 +608,20 @@ def execute(spec, runs, options):
             break
         try:
             if run.state == "not run":
-                say(f"training on {run.data}, log {run.folder / 'train.log'}")
+                print(f"[{number}/{len(runs)}] {run.id}: training on {run.data}, log {run.folder / 'train.log'}",
+                      file=sys.stderr)
                 train(run, options)
             if run.state == "done":
                 measure(run, options)
         except OSError as error:
             run.end("failed", str(error), DATA)
-        say(", ".join([f"{run.state}{run.reason and ': '}{run.reason}",
-                       *[f"{METRICS[key][0]} {run.values[key]:.4g}" for key in shown([run]) if key in run.values]]))
-        save()
-    print(save(), end="")
+        values = [f"{heading} {run.values[key]:.4g}" for key, (heading, *_) in METRICS.items() if key in run.values]
+        print(f"[{number}/{len(runs)}] {run.id}: {', '.join(filter(None, [run.state, run.reason, *values]))}",
+              file=sys.stderr)
+        texts = table_texts(spec, runs, options)
+        for path, text in zip(tables, [] if options.task else texts):
+            write(path, text)
+    print(texts[0], end="")
     if child.stopped or any(run.state in ("interrupted", "not run") for run in runs):
         print("experiment.py: interrupted: continue with the same command and --resume", file=sys.stderr)
         return INTERRUPTED
@@ -664,53 +639,32 @@ def command(options):
         if not runs:
             raise Failure(USAGE, f"--task {options.task}: there is no such run; use --emit-tasks again")
     if not any(run.data for run in runs):
-        raise Failure(DATA, f"{options.root}: no data of any of the {len(runs)} runs; {runs[0].id}: {runs[0].reason}; "
-                      "see --scene-folder")
-    if not options.emit_tasks:
-        return execute(spec, runs, options)
-    words = [word for word in sys.orig_argv if word != "--emit-tasks"]
-    for run in [run for run in runs if run.state == "not run"]:
-        load(run)
-        if run.state != "done":
-            print(json.dumps({"id": run.id, "command": shlex.join([*words, "--task", run.id])}))
-    return 0
+        raise Failure(DATA, f"{options.root}: no data of any of the {len(runs)} runs; {runs[0].id}: {runs[0].reason}")
+    return emit_tasks(runs) if options.emit_tasks else execute(spec, runs, options)
 
 
-class Parser(argparse.ArgumentParser):
-    def error(self, message):
-        raise Failure(USAGE, f"{message} (see --help)")
-
-
-def names(text):
-    return text.split(",")
-
-
-def pair(text):
+def key_value(text):
     key, value = text.split("=", 1)
     return key, value
-
-
-pair.__name__ = "KEY=VALUE"  # required by argparse's error()
 
 
 def parse(arguments):
     built = pathlib.Path(__file__).resolve().parent.parent / "build" / "ubs"
     ubs = str(built) if built.exists() else shutil.which("ubs") or str(built)
-    parser = Parser(description="Trains the runs of an experiment and compares the results with published ones.",
-                    epilog="See docs/experiments.md for details.", allow_abbrev=False)
-    add, mode = parser.add_argument, parser.add_mutually_exclusive_group()
+    parser = argparse.ArgumentParser(description="Trains the runs of an experiment and compares the results with "
+                                     "published ones.", epilog="See docs/experiments.md for details.",
+                                     allow_abbrev=False)
+    add = parser.add_argument
     add("spec", type=pathlib.Path, help="experiment, such as data_specs/experiments/main_table.yaml")
     add("--root", metavar="DIR", type=pathlib.Path, required=True, help="folder that contains the data sets")
     add("--out", metavar="DIR", type=pathlib.Path, help="output: table.md, table.csv, table.json, runs/ [out/NAME]")
     add("--ubs", metavar="PATH", default=ubs, help="executable [build/ubs of this source tree, or in PATH]")
-    add("--scenes", metavar="A,B", type=names, default=[], action="extend",
-        help="only these scenes: lego, or dnerf/lego")
-    add("--rows", metavar="A,B", type=names, default=[], action="extend", help="only these rows (methods)")
-    add("--scene-folder", metavar="SCENE=FOLDER", type=pair, default=[], action="append",
-        help="where a scene is, relative to --root (repeatable)")
+    names = {"metavar": "A,B", "type": lambda text: text.split(","), "default": [], "action": "extend"}
+    add("--scenes", **names, help="only these scenes: lego, or dnerf/lego")
+    add("--rows", **names, help="only these rows (methods)")
     add("--scale-down", metavar="K", type=int, nargs="?", const=4, default=1,
         help="small version: images / K, splats / K^2, iterations / K; K = 4 if none is given")
-    add("--set", metavar="KEY=VALUE", type=pair, default=[], action="append",
+    add("--set", metavar="KEY=VALUE", type=key_value, default=[], action="append",
         help="a setting of all runs, such as iterations=2000 (repeatable)")
     add("--train-argument", metavar="ARG", default=[], action="append",
         help="passed to `ubs train` of every run, as --train-argument=--quiet (repeatable)")
@@ -718,9 +672,7 @@ def parse(arguments):
         help="weights of VGG16 for the column LPIPS: FILE, or DIR/lpips_vgg.safetensors [UBS_LPIPS_WEIGHTS]")
     add("--fps-views", metavar="N", type=int, default=20, help="test views rendered for the column FPS, 0: none [20]")
     add("--device", metavar="DEVICE", help="as for `ubs train`")
-    add("--quiet", action="store_true", help="no progress")
-    add("--json", action="store_true", help="print table.json instead of table.md")
-    add = mode.add_argument
+    add = parser.add_mutually_exclusive_group().add_argument
     add("--resume", action="store_true", help="keep finished runs with these settings, continue the interrupted one")
     add("--overwrite", action="store_true", help="replace results of earlier runs")
     add("--dry-run", action="store_true", help="only print the runs and the hours that `ubs plan` expects of each")
@@ -730,7 +682,6 @@ def parse(arguments):
     options = parser.parse_args(arguments)
     if not 1 <= options.scale_down <= 64 or options.fps_views < 0:
         parser.error("--scale-down must be from 1 to 64, and --fps-views must not be negative")
-    options.set, options.scene_folder = dict(options.set), dict(options.scene_folder)
     options.resume = options.resume or bool(options.task)
     options.on_device = ["--device", options.device] if options.device else []
     return options
@@ -738,11 +689,9 @@ def parse(arguments):
 
 def main():
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(encoding="utf-8", errors="surrogateescape")
+        stream.reconfigure(**UTF8)
     try:
-        code = command(parse(sys.argv[1:]))
-        sys.stdout.flush()
-        return code
+        return command(parse(sys.argv[1:]))
     except Failure as error:
         code, message = error.args
     except OSError as error:
