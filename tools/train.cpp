@@ -421,8 +421,7 @@ Command add_train(CLI::App& root) {
   CLI::App* app = root.add_subcommand("train", "Train a model on a data set");
   const auto options = std::make_shared<TrainOptions>(*app);
   app->add_option("data,--data", options->start.data,
-                  "data folder of Blender, D-NeRF, nerfstudio, COLMAP, LLFF or N3V layout (docs/data.md), or "
-                  "packed file")
+                  fmt::format("data folder ({}; docs/data.md) or packed file", layout_titles()))
       ->type_name("DIR|FILE");
   app->get_option("--dim")->description(kAutoDimHelp);
   app->add_option("--out", options->start.out,

@@ -240,40 +240,44 @@ namespace {
 // A layout of data folders. A new one needs a loader, a row in the table, and a section in docs/data.md.
 struct Layout {
   std::string_view name;
+  std::string_view title;  // data sets and programs that use it, for messages and help
   bool (*recognise)(const fs::path& path);
   LoadedScene (*load)(const fs::path& path, const DatasetOptions& options);
-  std::string_view has;  // files by which it is recognised, for messages
+  std::string_view files;  // by which it is recognised, for messages
   // The options that the loader uses, from the list in refuse_unused(). Empty if the loader itself refuses
   // the options that it does not use.
   std::string_view used;
   bool refuses_itself = false;
+
+  std::string description() const {
+    return title.empty() ? std::string(files) : fmt::format("{} ({})", files, title);
+  }
 };
 
 // The layouts, in the order in which they are tried.
 constexpr Layout kLayouts[] = {
-    {"packed", is_packed, load_packed, "a file of ubs pack", "", true},
-    {"blender",
+    {"packed", "", is_packed, load_packed, "a file of ubs pack", "", true},
+    {"blender", "Blender, D-NeRF",
      [](const fs::path& path) {
        return std::ranges::any_of(kSplits, [&](const char* split) { return has_blender_split(path, split); });
      },
-     load_blender, "transforms_train.json, transforms_val.json or transforms_test.json (Blender)", ""},
-    {"nerfstudio",
+     load_blender, "transforms_train.json, transforms_val.json or transforms_test.json", ""},
+    {"nerfstudio", "nerfstudio",
      [](const fs::path& path) {
        return is_regular(path) ? path.extension() == ".json" : path_exists(path / "transforms.json");
      },
      load_nerfstudio, "transforms.json", "--test-every"},
-    {"colmap", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
-     "sparse/0/cameras.bin or .txt (COLMAP)", "--images --colmap-model --test-every"},
-    {"llff", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); }, load_llff,
-     "poses_bounds.npy (LLFF, N3V)", "", true},
+    {"colmap", "COLMAP", [](const fs::path& path) { return !find_colmap_model(path).empty(); }, load_colmap,
+     "sparse/0/cameras.bin or .txt", "--images --colmap-model --test-every"},
+    {"llff", "LLFF, N3V", [](const fs::path& path) { return path_exists(path / "poses_bounds.npy"); },
+     load_llff, "poses_bounds.npy", "", true},
 };
 
 const Layout& layout_named(std::string_view name) {
   for (const Layout& layout : kLayouts)
     if (layout.name == name) return layout;
-  std::vector<std::string_view> names{"auto"};
-  for (const Layout& layout : kLayouts) names.push_back(layout.name);
-  fail(ErrorKind::usage, "unknown layout '{}': choose one of {}", name, fmt::join(names, ", "));
+  fail(ErrorKind::usage, "unknown layout '{}': choose one of auto, {}", name,
+       fmt::join(layout_names(), ", "));
 }
 
 // Throws an error that names the JSON files with frames in the folder, such as transforms_colmap.json.
@@ -294,11 +298,24 @@ void name_transforms_files(const fs::path& folder) {
 void note_other_layouts(const fs::path& path, const Layout& used, LoadReport& report) {
   for (const Layout& layout : kLayouts)
     if (&layout != &used && layout.recognise(path))
-      report.note(fmt::format("the folder also has {}: not used (to use it instead: --layout {})", layout.has,
-                              layout.name));
+      report.note(fmt::format("the folder also has {}: not used (to use it instead: --layout {})",
+                              layout.description(), layout.name));
 }
 
 }  // namespace
+
+std::vector<std::string_view> layout_names() {
+  std::vector<std::string_view> names;
+  for (const Layout& layout : kLayouts) names.push_back(layout.name);
+  return names;
+}
+
+std::string layout_titles() {
+  std::vector<std::string_view> titles;
+  for (const Layout& layout : kLayouts)
+    if (!layout.title.empty()) titles.push_back(layout.title);
+  return fmt::format("{}", fmt::join(titles, ", "));
+}
 
 std::string detect_layout(const fs::path& path) {
   if (!is_folder(path) && !is_regular(path)) fail(ErrorKind::data, "{}: no such data folder", path.string());
@@ -318,8 +335,8 @@ std::string detect_layout(const fs::path& path) {
   if (const std::string hint = how_to_make_images(path); !hint.empty())
     fail(ErrorKind::data, "{}: {}, then find their cameras with 'ubs cameras {}'", path.string(), hint,
          shell_word(path.string()));
-  std::vector<std::string_view> known;
-  for (const Layout& layout : kLayouts) known.push_back(layout.has);
+  std::vector<std::string> known;
+  for (const Layout& layout : kLayouts) known.push_back(layout.description());
   fail(ErrorKind::data, "{}: not a data set: the folder has none of: {}", path.string(),
        fmt::join(known, "; "));
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a data set of any known layout (docs/data.md): Blender / D-NeRF / PBR, nerfstudio, COLMAP, LLFF /
-// N3V, packed file. The layout is recognised by the files in the folder. The report lists every decision that
-// the loader made.
+// Opens a data set of any known layout (docs/data.md). The layout is recognised by the files in the folder.
+// The report lists every decision that the loader made.
 #pragma once
 
 #include <array>
@@ -64,6 +63,10 @@ std::string how_to_make_images(const std::filesystem::path& path);
 // none.
 std::string camera_files_in(const std::filesystem::path& folder);
 
+// Returns the names of all layouts, which are the values of the setting `layout`, except auto.
+std::vector<std::string_view> layout_names();
+// Returns the data sets and programs that use the layouts of folders, for help texts: "Blender, D-NeRF, ...".
+std::string layout_titles();
 // Returns the layout that `path` would be opened as. Throws an error that lists the files looked for if no
 // layout fits.
 std::string detect_layout(const std::filesystem::path& path);

@@ -14,7 +14,7 @@
 #include "host/base/paths.hpp"
 #include "host/data/image_info.hpp"
 #include "host/data/image_source.hpp"
-#include "host/data/wide_image.hpp"
+#include "host/data/wide_image_file.hpp"
 
 namespace ubs {
 namespace {

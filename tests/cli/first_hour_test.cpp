@@ -595,6 +595,26 @@ TEST_CASE("a learnt background requires opaque images and is stored in the model
   check_error(folder, "train data --background sky --iterations 5 --out x", 3, "may be transparent");
 }
 
+TEST_CASE("the data of a run are read with the COLMAP model of the run") {
+  const TempFolder folder;
+  put_colmap_model(folder / "photos/sparse/0", 4);
+  put_colmap_model(folder / "photos/sparse/1", 6);  // the largest, which is used by default
+  fs::create_directories(folder / "photos/images");
+  for (int i = 0; i < 6; ++i)
+    save_png(folder / fmt::format("photos/images/p{}.png", i),
+             Image8{16, 12, std::vector<std::uint8_t>(3 * 16 * 12, 90), {}});
+  ubs_ok(
+      folder,
+      "train photos --out run --dim 3 --init-points 50 --cap-max 50 --iterations 5 --unit 1 --test-every 2 "
+      "--colmap-model 0 --quiet");
+  const auto views = [&](const std::string& arguments) {
+    return json::parse(ubs_ok(folder, "eval run " + arguments + " --fps-views 0 --json").out)["views"].size();
+  };
+  CHECK(views("") == 2);  // every second one of four
+  CHECK(views("photos") == 2);
+  CHECK(views("photos --colmap-model 1") == 3);
+}
+
 TEST_CASE("cameras of photographs come from COLMAP") {
   const TempFolder folder;
   fs::create_directories(folder / "photos");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests that the files of a room (a folder of the code) only include headers that docs/architecture.md
-// allows: no headers of the rooms above it, and no headers of a back end.
+// allows: no headers of the rooms above it, and no headers of a back end. No two headers have one name.
 #include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
@@ -61,6 +61,19 @@ TEST_CASE("files of a room only include headers that their room may include") {
       ++files;
     }
   CHECK(files > 300);
+}
+
+TEST_CASE("no two headers have the same name") {
+  std::map<std::string, std::string> places;
+  for (const char* folder : {"host", "tools", "cuda_backend", "kernels", "include", "tests"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(UBS_SOURCE_DIR) / folder)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".hpp" && extension != ".h" && extension != ".cuh") continue;
+      const auto [place, added] = places.try_emplace(entry.path().filename().string(), entry.path().string());
+      INFO(place->second << " and " << entry.path().string());
+      CHECK(added);
+    }
+  CHECK(places.size() > 300);
 }
 
 // Some drivers compute wrong results for compare-exchange loops, and for 64-bit atomics in kernels with

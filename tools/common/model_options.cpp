@@ -2,7 +2,9 @@
 #include "tools/common/model_options.hpp"
 
 #include <algorithm>
-#include <tuple>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "host/api/open_data.hpp"
 #include "host/base/error.hpp"
@@ -17,10 +19,15 @@
 namespace ubs::tools {
 namespace {
 
-// The settings that determine how a data set is opened, as a tuple of references.
-constexpr auto reading_of = [](auto& s) {
-  return std::tie(s.downscale, s.layout, s.images, s.principal_point, s.test_every, s.frames, s.run_cameras);
-};
+// Returns keys and values of the settings that determine what is read from the data of a run. This excludes
+// settings that may change when a run is resumed, such as cache_folder.
+std::vector<std::pair<std::string_view, std::string>> reading_of(TrainSettings settings) {
+  std::vector<std::pair<std::string_view, std::string>> values;
+  for (const FieldValue& field : bind_fields(settings, train_fields()))
+    if ((field.uses & kOfReading) && !(field.uses & kFreeOnResume))
+      values.emplace_back(field.key, field_text(field));
+  return values;
+}
 
 // If the user passed a data folder instead of a model: returns a hint that names the run that 'ubs train'
 // wrote next to the folder.
@@ -36,7 +43,7 @@ std::string run_beside(std::filesystem::path folder) {
 ModelOptions::ModelOptions(CLI::App& app, std::vector<std::string_view> keys)
     : settings(app, std::move(keys)) {
   add_model_option(app, "model,--model", model)->required();
-  app.add_option("data,--data", data, "data folder (Blender, nerfstudio, COLMAP, LLFF, N3V) or packed file")
+  app.add_option("data,--data", data, fmt::format("data folder ({}) or packed file", layout_titles()))
       ->type_name("DIR|FILE");
   split_option_ = app.add_option("--split", split, "train, val or test [test]")->type_name("NAME");
   add_device_option(app, device);
@@ -76,7 +83,11 @@ CLI::Option* add_model_option(CLI::App& app, const std::string& name, std::strin
 }
 
 void read_as(TrainSettings& settings, const RunData& run) {
-  if (run.settings) reading_of(settings) = reading_of(*run.settings);
+  if (!run.settings) return;
+  const std::vector<FieldValue> fields = bind_fields(settings, train_fields());
+  for (const auto& [key, value] : reading_of(*run.settings))
+    set_field(fields, key, value, "settings of the run");
+  settings.run_cameras = run.settings->run_cameras;
 }
 
 RunData use_run_data(const std::string& model, std::string& data) {
@@ -102,8 +113,7 @@ RunData use_run_data(const std::string& model, std::string& data) {
     } catch (const Error&) {  // other data; the code that uses them reports the error
       return {};
     }
-    const TrainSettings usual;
-    if (reading_of(run.settings) != reading_of(usual))
+    if (reading_of(run.settings) != reading_of({}) || !run.settings.run_cameras.empty())
       remark("ubs: {} is the data that the run was trained on, and is read with the settings of the run\n",
              data);
     return result;

@@ -29,7 +29,8 @@ constexpr const char* kEnvironment =
     "UBS_TUNING_DIR (where it is stored), UBS_HUGE_PAGES=0 (ordinary pages for buffers of CPU devices),\n"
     "UBS_KERNEL_CACHE (folder of compiled kernels, including PoCL's; off: do not store them),\n"
     "UBS_RANK_PATIENCE (seconds that a rank of a job waits for the others: docs/cluster.md),\n"
-    "UBS_CHECK=off (also use devices that were not checked or failed the check: docs/check.md).";
+    "UBS_CHECK=off (also use devices that were not checked or failed the check: docs/check.md),\n"
+    "UBS_LPIPS_WEIGHTS (as --lpips-weights).";
 
 const Program* running = nullptr;  // set once by run_program()
 

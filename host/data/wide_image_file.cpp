@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/data/wide_image.hpp"
+#include "host/data/wide_image_file.hpp"
 
 #include "host/data/image.hpp"
 
