@@ -10,7 +10,10 @@
 #include <array>
 #include <cstdlib>
 #include <fstream>
+#include <latch>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "host/base/error.hpp"
 
@@ -85,6 +88,19 @@ MemoryRoom room_of(const ProcessLimit& which) noexcept {
 
 std::uint64_t less(std::uint64_t from, std::uint64_t taken) { return from > taken ? from - taken : 0; }
 
+// Throws Error(memory) if the process cannot have so many further threads at the same time.
+void check_threads(unsigned count) {
+  std::latch all(1);
+  std::vector<std::jthread> threads;
+  try {
+    for (unsigned i = 0; i < count; ++i) threads.emplace_back([&] { all.wait(); });
+  } catch (const std::exception& error) {
+    all.count_down();
+    throw as_error(error);
+  }
+  all.count_down();
+}
+
 }  // namespace
 
 std::uint64_t memory_limit(const fs::path& root) {
@@ -141,6 +157,9 @@ void check_driver_fits() {
          "an OpenCL driver needs about {} MiB of address space, but the limit of {} MiB ({}) leaves only {} "
          "MiB: raise the limit",
          kDriverLibraries / kMebibyte, room.limit / kMebibyte, room.name, room.left / kMebibyte);
+  // PoCL has a thread for each core, and starts another process to link kernels. It ends the program if it
+  // cannot create a thread.
+  check_threads(std::thread::hardware_concurrency() + 1);
 }
 
 std::string memory_limits_text() {

@@ -44,7 +44,8 @@ std::uint64_t memory_available();
 // numbers. This function is for sizes that are read from a file.
 void require_memory(std::uint64_t bytes, const std::string& what);
 
-// Throws Error(memory) if the limits of the process leave too little memory for an OpenCL driver.
+// Throws Error(memory) if the limits of the process leave too little memory, or too few threads, for an
+// OpenCL driver.
 void check_driver_fits();
 
 // Returns for example "; limits: control group 512 MiB, address space (ulimit -v) 900 MiB", or an empty

@@ -286,6 +286,76 @@ TEST_CASE(
   CHECK(run_command(folder, plan).out.find(" 62500 MiB (address space, ulimit -v)") != std::string::npos);
 }
 
+// Starts the command in a control group whose parent has a limit of 300 MiB. Mounts files of the test instead
+// of those of the system, so that both versions of control groups are tested on every machine.
+Result run_in_group(const TempFolder& folder, const std::string& command) {
+  return run_command(
+      folder, fmt::format("unshare -rm sh -c \"mount --bind cgroup /proc/\\$\\$/cgroup && mount --bind "
+                          "groups /sys/fs/cgroup && exec {}\"",
+                          command));
+}
+
+TEST_CASE("the memory limit of a control group: exit code 6 and a message with numbers, before training") {
+  const TempFolder folder;
+  make_data(folder);
+  const std::string limit = std::to_string(300 << 20);
+  put(folder / "groups/job/memory.max", limit);
+  put(folder / "groups/job/step/memory.max", "max\n");
+  put(folder / "groups/memory/job/memory.limit_in_bytes", limit);
+  put(folder / "cgroup", "");
+  if (run_in_group(folder, "true").code != 0) {
+    WARN("files cannot be mounted here: limits of control groups are tested without the executable only");
+    return;
+  }
+  const std::string train = fmt::format(
+      "'{}' train data --out run --quiet --dim 3 --cap-max 1000000 --init-points 3000 --iterations ",
+      UBS_EXECUTABLE);
+  for (const char* group : {"0::/job/step\n", "3:cpu,memory:/job/step\n0::/\n"}) {
+    put(folder / "cgroup", group);
+    const Result result = run_in_group(folder, train + "3000");
+    INFO(group << result.err);
+    CHECK(result.code == 6);
+    CHECK(lines(result.err) == 1);
+    CHECK(result.err.find("limits: 300 MiB (control group)") != std::string::npos);
+    CHECK_FALSE(std::filesystem::exists(folder / "run"));
+  }
+  put(folder / "cgroup", "0::/\n");  // without the limit, the training starts
+  const Result other = run_in_group(folder, train + "1");
+  INFO(other.err);
+  CHECK(other.code == 0);
+}
+
+// The limit counts the processes and threads of a user, and does not apply to root.
+std::string with_tasks(int most, const std::string& command) {
+  return fmt::format("{}prlimit --nproc={} {}",
+                     ::geteuid() == 0 ? "setpriv --reuid=65534 --regid=65534 --clear-groups " : "", most,
+                     command);
+}
+
+TEST_CASE("if the system refuses another thread: exit code 6 and a message, before the driver aborts") {
+  const TempFolder folder;
+  make_data(folder);
+  std::filesystem::permissions(folder.path(), std::filesystem::perms::all);
+  if (!works(with_tasks(1000, fmt::format("'{}' --version", UBS_EXECUTABLE))) ||
+      works(with_tasks(1, "sh -c '(true); true'"))) {
+    WARN("the number of threads cannot be limited here: not tested");
+    return;
+  }
+  // With two, ubs itself has enough threads, but PoCL has not: it needs one for each core and one for its
+  // linker.
+  for (const auto& [most, arguments] :
+       {std::pair(1, "info data"), std::pair(1, "devices"), std::pair(2, "devices"),
+        std::pair(2, "train data --out run --dim 3")}) {
+    const Result result =
+        run_command(folder, with_tasks(most, with_cache("UBS_KERNEL_CACHE=$PWD/cache", arguments)));
+    INFO(most << " " << arguments << "\n" << result.err);
+    CHECK(result.code == 6);
+    CHECK(lines(result.err) == 1);
+    CHECK(result.err.find("ubs: error: the system does not allow this process to create another thread") ==
+          0);
+  }
+}
+
 // PoCL stores one compiled kernel for each group size with which it is launched.
 TEST_CASE("PoCL stores its kernels in the folder of ubs; training builds all of them before its first step") {
   const TempFolder folder;
