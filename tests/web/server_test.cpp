@@ -166,6 +166,20 @@ TEST_CASE("a connection answers one request") {
   CHECK(text.find("HTTP/1.1", 1) == std::string::npos);
 }
 
+// This limits the processor time of the server, whatever clients send.
+TEST_CASE("at most 50 connections per second are accepted") {
+  Started server;
+  constexpr int kConnections = 20;
+  const Stopwatch watch;
+  std::vector<Client> clients;
+  for (int i = 0; i < kConnections; ++i) {
+    clients.emplace_back(server);
+    clients.back().send(get("/state"));
+  }
+  for (const Client& client : clients) CHECK(client.answer().status == 200);
+  CHECK(watch.seconds() >= (kConnections - 1) / 50.0);
+}
+
 TEST_CASE("open connections without requests do not block other clients") {
   Started server("0.0.0.0");
   const std::string token = server.url().substr(server.url().find('?'));
