@@ -296,13 +296,20 @@ void check_ubsz_finite(const MixedModel& model, ErrorKind kind, const std::strin
 // Fractions and negative numbers would otherwise be converted without an error.
 std::size_t count_of(const Json& value) {
   if (!value.is_number_unsigned())
-    fail(ErrorKind::data, "the header has the value {} where a count is expected", shortened(json_text(value)));
+    fail(ErrorKind::data, "the header has the value {} where a count is expected",
+         shortened(json_text(value)));
   return value.get<std::size_t>();
+}
+
+// Returns a count that is valid only if it is small. Larger ones become 1000 instead of wrapping to a small
+// one.
+int small_count_of(const Json& value) {
+  return static_cast<int>(std::min<std::size_t>(count_of(value), 1000));
 }
 
 GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t room, std::size_t& plain) {
   GroupCode group;
-  group.dim = json.at("dim").get<int>();
+  group.dim = small_count_of(json.at("dim"));
   group.count = count_of(json.at("splats"));
   group.exact = !json.contains("rows");
   const ParameterLayout layout(group.dim, variant);
@@ -315,10 +322,10 @@ GroupCode group_of(const Json& json, const ModelVariant& variant, std::size_t ro
     const auto centre = places.at("centre").get<std::array<double, 3>>();
     std::ranges::copy(centre, group.centre);
     group.place_step = places.at("step").get<double>();
-    group.place_bytes = places.at("bytes").get<int>();
+    group.place_bytes = small_count_of(places.at("bytes"));
     for (const Json& row : json.at("rows"))
       group.rows.push_back(
-          {row.at("bytes").get<int>(), row.at("centre").get<double>(), row.at("step").get<double>()});
+          {small_count_of(row.at("bytes")), row.at("centre").get<double>(), row.at("step").get<double>()});
     bytes = static_cast<std::size_t>(group.place_bytes);
     for (const RowCode& row : group.rows) bytes += static_cast<std::size_t>(row.bytes);
     std::size_t rest = group.count;  // subtracts, because a sum could overflow
@@ -481,8 +488,7 @@ MixedModel unpack_ubsz(std::span<const std::byte> bytes, const std::string& name
       unpack_groups(header.at("groups"), in.take(in.remaining()), variant, name, model);
     } else {
       for (const Json& level : header.at("levels"))
-        unpack_groups(level.at("groups"), in.take(level.at("bytes").get<std::size_t>()), variant, name,
-                      model);
+        unpack_groups(level.at("groups"), in.take(count_of(level.at("bytes"))), variant, name, model);
       if (in.remaining() > 0) fail(ErrorKind::data, "{} bytes follow the last level", in.remaining());
       join_groups(model.groups);
     }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
 #include "host/base/json.hpp"
 #include "host/data/foreign_formats.hpp"
@@ -552,6 +553,38 @@ TEST_CASE("formats: many levels of UBSZ are joined in their order", "[formats]")
     CHECK(all.groups[1].row(0)[2 * i] == static_cast<float>(3 * i + 1));
     CHECK(all.groups[1].row(0)[2 * i + 1] == static_cast<float>(3 * i + 2));
   }
+}
+
+TEST_CASE("formats: counts in the header of UBSZ neither wrap nor are rounded", "[formats]") {
+  const SplatModel one = initialise_random(6, 20, 1);
+  const UbszSteps steps{std::vector<double>(static_cast<std::size_t>(one.layout().count), 0.01),
+                        std::vector<std::uint8_t>(one.count)};
+  const UbszLevel level{MixedModel(one), {steps}, 20};
+  const std::vector<std::byte> bytes = pack_ubsz_levels(std::span(&level, 1), {}).bytes;
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  std::uint32_t size = 0;
+  std::memcpy(&size, &bytes[8], sizeof size);
+  const auto refusal = [&](const char* member, const Json& value) {
+    Json header = parse_json(text.substr(16, size), "header");
+    header[Json::json_pointer(member)] = value;
+    const std::string words = header.dump();
+    std::vector<std::byte> changed(bytes.begin(), bytes.begin() + 8);
+    put_number(changed, static_cast<std::uint32_t>(words.size()));
+    put_number(changed, crc32(std::as_bytes(std::span(words))));
+    for (const char c : words) changed.push_back(static_cast<std::byte>(c));
+    changed.insert(changed.end(), bytes.begin() + 16 + size, bytes.end());
+    return message_of([&] { unpack_ubsz(changed, "a.ubsz"); }, ErrorKind::data);
+  };
+  CHECK(refusal("/levels/0/psnr", 30).empty());
+  const Json wrapped = (std::uint64_t{1} << 32) + 6, fraction = 6.5, yes = true;
+  const std::string group = "/levels/0/groups/0";
+  for (const std::string member :
+       {"/levels/0/bytes", "/dim", "/splats", "/classes/0", "/places/bytes", "/rows/0/bytes"})
+    for (const Json& value : {wrapped, fraction, yes, Json(-6), Json("6")}) {
+      const std::string path = member.starts_with("/levels") ? member : group + member;
+      INFO(path << " = " << value.dump());
+      CHECK_THAT(refusal(path.c_str(), value), Contains("a.ubsz: "));
+    }
 }
 
 TEST_CASE("formats: small files that announce huge models are rejected", "[formats]") {

@@ -61,6 +61,12 @@ TEST_CASE("variants: groups cover each row once", "[variants]") {
   }
 }
 
+TEST_CASE("variants: the page of a model knows the same switches", "[variants]") {
+  const std::string worker = get(UBS_SOURCE_DIR "/host/look/web/worker.js");
+  for (const VariantSwitch& s : kVariantSwitches)
+    CHECK_THAT(worker, Contains(fmt::format("\n  {}: '{}'", s.key, s.values)));
+}
+
 TEST_CASE("variants: a model file stores its variant", "[variants][ply]") {
   const TempFolder folder;
   for (const NamedVariant& v : named_variants()) {

@@ -614,6 +614,103 @@ def damage(page, folder):
     assert resident(page) < before + 5e8
 
 
+# A header whose checksum fits but whose values `ubs` does not write is rejected, by the page and by `ubs`.
+def hostile(page, folder):
+    model, html = folder / "model.ply", folder / "model.html"
+    write_model(model, (6,))
+    ubs("web", model, "--out", html, "--quiet")
+    ubs("web", model, "--out", folder / "model.ubsz", "--quiet")
+    good = (folder / "model.ubsz").read_bytes()
+    header = 16 + struct.unpack_from("<I", good, 8)[0]
+    words, payload = json.loads(good[16:header]), good[header:]
+
+    def file(text, version=1):
+        text = text.encode()
+        return struct.pack("<4sIII", b"UBSZ", version, len(text), zlib.crc32(text)) + text + payload
+
+    def changed(path, value, version=1):
+        """Returns the file in which the member at the path has another value."""
+        all_words = json.loads(json.dumps(words))
+        if version == 2:
+            all_words["levels"] = [{"bytes": len(payload), "psnr": 50, "groups": all_words.pop("groups")}]
+        *parents, last = path
+        place = all_words
+        for key in parents:
+            place = place[key]
+        if last is not None:
+            place[last] = value
+        return file(json.dumps(all_words), version)
+
+    def said(data):
+        """Returns the error of the worker for this file, or the number of its splats."""
+        return page.run(
+            """new Promise((done) => {
+            const text = document.getElementById('ubs-worker').textContent;
+            const worker = new Worker(URL.createObjectURL(new Blob([text], {type: 'text/javascript'})));
+            worker.onerror = (event) => done('uncaught: ' + event.message);
+            worker.onmessage = (event) => {
+                done(event.data.kind === 'error' ? event.data.text : event.data.splats);
+                worker.terminate();
+            };
+            worker.postMessage({kind: 'part', model: '%s'});
+            worker.postMessage({kind: 'end'}); })"""
+            % base64.b64encode(data).decode()
+        )
+
+    page.open(html)
+    assert said(changed([None], None)) == said(changed([None], None, 2)) == COUNT
+    invalid, group, level = "the header of the model is not valid", ["groups", 0], ["levels", 0]
+    tested = 0
+    for path, values in (
+        (["groups"], (None, 7, [None], ["group"])),
+        ([*group, "dim"], (None, "6", 6.5, 2, 12, 2**32 + 6, True)),
+        ([*group, "splats"], (None, "9", -1, 2**53, 1e300)),
+        ([*group, "classes"], (None, {}, 7, [COUNT], [COUNT, 0, 0, 0, 0, None], [COUNT + 1, -1, 0, 0, 0, 0])),
+        ([*group, "places"], (None, 7, {})),
+        ([*group, "places", "bytes"], (0, 8, 1.5, 2**32 + 1, None)),
+        ([*group, "places", "centre"], (None, [0, 0], [0, 0, "0"], [0, 0, None])),
+        ([*group, "places", "step"], (None, "1")),
+        ([*group, "rows"], (None, [], [None] * 29, {"length": 29})),
+        ([*group, "rows", 0, "bytes"], (0, 5, 1.5, 2**32 + 1, "1")),
+        ([*group, "rows", 0, "centre"], (None, "0")),
+        ([*group, "rows", 0, "step"], (None, [1])),
+        (["switches"], ({"colour": "sh4"}, {"colour": 3}, {"kernel": "box"}, {"__proto__": "on"}, {"size": "on"})),
+    ):
+        for value in values:
+            data = changed(path, value)
+            assert said(data) == invalid, (path, value, said(data))
+            (folder / "bad.ubsz").write_bytes(data)
+            ubs("info", folder / "bad.ubsz", code=3)
+            tested += 1
+    for path, values in (
+        (["levels"], (None, [], {}, 7, [None])),
+        ([*level, "bytes"], (None, -1, 0.5, 1e300, "9")),
+        ([*level, "groups"], (None, 7)),
+        ([*level, "groups", 0, "dim"], (12,)),
+    ):
+        for value in values:
+            data = changed(path, value, 2)
+            assert said(data) == invalid, (path, value, said(data))
+            (folder / "bad.ubsz").write_bytes(data)
+            ubs("info", folder / "bad.ubsz", code=3)
+            tested += 1
+    # `ubs` does not need these values, and reads any number of levels.
+    assert said(changed(["switches"], None)) == invalid
+    assert said(changed([*level, "psnr"], "50", 2)) == invalid
+    empty = {"bytes": len(payload), "psnr": 50, "groups": []}
+    assert said(changed(["levels"], [empty] * 9, 2)) == invalid
+    assert said(changed([*level, "psnr"], None, 2)) == COUNT  # an infinite PSNR
+    assert said(changed([*level, "bytes"], len(payload) + 1, 2)) == "the model is cut off"
+    assert said(changed([*level, "bytes"], len(payload) // 2, 2)) in ("the model is cut off", "the model is damaged")
+    for text in ("", "{", "[]", "null", "7", "[" * 100_000, '{"switches": {}, "groups": [{"dim": 1e999}]}'):
+        assert said(file(text)) == invalid, text[:40]
+        (folder / "bad.ubsz").write_bytes(file(text))
+        ubs("info", folder / "bad.ubsz", code=3)
+        tested += 1
+    quiet(page)
+    return f"{tested} headers"
+
+
 # Returns the memory of all processes of the browser.
 def resident(page):
     parents, sizes = {}, {}
@@ -692,6 +789,7 @@ TESTS = {
     "report": report,
     "interaction": interaction,
     "damage": damage,
+    "hostile": hostile,
     "memory": memory,
     "container": container,
 }

@@ -122,8 +122,8 @@ class Panel {
     }
     if (viewer.automatic) this.scale.value = viewer.scale;
     if (!last) return;
-    const level =
-        model.levels > 1 ? `Level ${model.level} of ${model.levels} (${model.psnr.toFixed(1)} dB): ` : '';
+    const quality = model.psnr === null ? 'exact' : `${model.psnr.toFixed(1)} dB`;
+    const level = model.levels > 1 ? `Level ${model.level} of ${model.levels} (${quality}): ` : '';
     const rate = viewer.pace ? `, ${(1000 / viewer.pace).toFixed(0)} frames per second` : '';
     this.facts.textContent =
         `${level}${model.splats} splats of N = ${model.dims.join(', ')} in ${(model.bytes / 1e6).toFixed(2)} MB; ` +

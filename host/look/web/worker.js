@@ -7,6 +7,7 @@
 
 const CLASSES = 6, PLACE_BITS = 17;
 const MAX_RATIO = 1032;  // gzip compresses to no less than this part
+const MAX_LEVELS = 8;    // of `ubs web`; each level takes time in proportion to all splats before it
 // Floats of a visible splat: x, y, L00, L01 | L11, opacity, beta, depth | r, g, b, reach.
 const RECORD = 12;
 
@@ -122,20 +123,53 @@ function layoutOf(dim, s) {
   return l;
 }
 
+// The switches and their values, the default first (kVariantSwitches in host/scene/model_variant.hpp).
 const SWITCHES = {
-  rot_mode: 'taylor1',
-  cov_param: 'spatial_ortho',
-  beta_cond: 'on',
-  beta_opacity: 'tanh',
-  cov_mode: 'upper',
-  kernel: 'beta',
-  colour: 'rgb',
-  antialias: 'off',
-  conditioning: 'covariance'
+  rot_mode: 'taylor1|taylor2|cayley|exp|quaternion',
+  cov_param: 'spatial_ortho|cholesky|skew_nd',
+  beta_cond: 'on|off',
+  beta_opacity: 'tanh|none|gaussian',
+  cov_mode: 'upper|whiten',
+  kernel: 'beta|gaussian',
+  colour: 'rgb|sh0|sh1|sh2|sh3|sb1|sb2|sb3',
+  antialias: 'off|on',
+  conditioning: 'covariance|direct'
 };
 
+const within = (value, low, high) => Number.isInteger(value) && value >= low && value <= high;
+
+// Returns the switches of a model, given those that are not at their default; undefined if one is unknown.
+function readSwitches(given) {
+  const switches =
+      Object.fromEntries(Object.entries(SWITCHES).map(([key, words]) => [key, words.split('|')[0]]));
+  for (const [key, value] of Object.entries(given)) {
+    if (!Object.hasOwn(SWITCHES, key) || !SWITCHES[key].split('|').includes(value)) return undefined;
+    switches[key] = value;
+  }
+  return switches;
+}
+
+function validGroup(group, switches) {
+  if (!within(group.dim, 3, 11) || !within(group.splats, 0, 2 ** 32)) return false;
+  if (!('rows' in group)) return true;
+  const {classes, places, rows} = group;
+  return classes.length === CLASSES && classes.every((count) => within(count, 0, group.splats)) &&
+      classes.reduce((a, b) => a + b, 0) === group.splats && within(places.bytes, 1, 7) &&
+      [0, 1, 2].every((axis) => Number.isFinite(places.centre[axis])) && Number.isFinite(places.step) &&
+      rows.length + 3 === layoutOf(group.dim, switches).count &&
+      rows.every(
+          (row) => within(row.bytes, 1, 4) && Number.isFinite(row.centre) && Number.isFinite(row.step));
+}
+
+// The PSNR is null if it is infinite. A file without levels has none.
+function validLevel(level, switches) {
+  return within(level.bytes, 0, Number.MAX_SAFE_INTEGER) &&
+      (level.psnr === null || Number.isFinite(level.psnr)) &&
+      level.groups.every((group) => validGroup(group, switches));
+}
+
 // Parses the header of a file that starts with these bytes. Returns it with its levels and the offset of the
-// first level.
+// first level. Throws an error for headers that `ubs` does not write.
 function readHeader(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 16 || view.getUint32(0) !== 0x5542535a) throw new Error('no UBSZ file');
@@ -145,29 +179,21 @@ function readHeader(bytes) {
   if (size > bytes.length - 16) throw new Error('the model is cut off');
   const words = bytes.subarray(16, 16 + size);
   if (crc32(words) !== view.getUint32(12, true)) throw new Error('the header of the model is damaged');
-  const header = JSON.parse(new TextDecoder().decode(words));
   const begin = 16 + size;
-  return {
-    switches: {...SWITCHES, ...header.switches},
-    levels: version === 2 ? header.levels : [{bytes: bytes.length - begin, groups: header.groups}],
-    begin
-  };
+  try {
+    const header = JSON.parse(new TextDecoder().decode(words)), switches = readSwitches(header.switches);
+    const levels =
+        version === 2 ? header.levels : [{bytes: bytes.length - begin, psnr: null, groups: header.groups}];
+    if (switches && within(levels.length, 1, MAX_LEVELS) &&
+        levels.every((level) => validLevel(level, switches)))
+      return {switches, levels, begin};
+  } catch {  // it is no JSON, or a member is missing or has another type
+  }
+  throw new Error('the header of the model is not valid');
 }
 
-// Returns the number of bytes of a group before compression. Throws an error for headers that `ubs` does not
-// write.
+// Returns the number of bytes of a group before compression.
 function groupBytes(group, switches) {
-  const within = (value, low, high) => Number.isInteger(value) && value >= low && value <= high;
-  const valid = () => {
-    if (!within(group.dim, 3, 11) || !within(group.splats, 0, 2 ** 32)) return false;
-    if (!group.rows) return true;
-    const counts = group.classes;
-    return counts.length === CLASSES && counts.every((count) => within(count, 0, group.splats)) &&
-        counts.reduce((a, b) => a + b, 0) === group.splats && within(group.places.bytes, 1, 7) &&
-        group.rows.length + 3 === layoutOf(group.dim, switches).count &&
-        group.rows.every((row) => within(row.bytes, 1, 4));
-  };
-  if (!valid()) throw new Error('the header of the model is not valid');
   const each = group.rows ? group.rows.reduce((sum, row) => sum + row.bytes, group.places.bytes) :
                             4 * layoutOf(group.dim, switches).count;
   return each * group.splats;
