@@ -13,6 +13,7 @@
 #include "host/data/load_dataset.hpp"
 #include "host/data/name_index.hpp"
 #include "host/data/named_files.hpp"
+#include "host/data/split_views.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 #include "host/scene/pose.hpp"
@@ -105,7 +106,11 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   files.report(scene.report);
   if (masks > 0) scene.report.note(fmt::format("{} masks: masked pixels are ignored", masks));
   settle_image_names(views, counts);
-  scene.splits = split_every(std::move(views), options.read.test_every);
+  // Folders of LLFF contain both kinds of cameras. Results on them are published for every 8th image, also
+  // for scenes with few images.
+  scene.splits = path_exists(folder / "poses_bounds.npy")
+                     ? split_every(std::move(views), options.read.test_every)
+                     : split_views(std::move(views), options.read.test_every, scene.report);
   const fs::path ply = model_folder / "points3D.ply";  // some tools write this file instead of points3D.bin
   if (!model.points.positions.empty())
     scene.points = std::move(model.points);

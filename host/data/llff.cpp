@@ -17,6 +17,7 @@
 #include "host/data/load_dataset.hpp"
 #include "host/data/named_files.hpp"
 #include "host/data/npy.hpp"
+#include "host/data/split_views.hpp"
 #include "host/data/video.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"

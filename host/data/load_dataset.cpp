@@ -20,6 +20,7 @@
 #include "host/data/image.hpp"
 #include "host/data/packed.hpp"
 #include "host/data/splat_file.hpp"
+#include "host/data/split_views.hpp"
 #include "host/data/view_names.hpp"
 #include "host/scene/extent.hpp"
 
@@ -227,9 +228,9 @@ void refuse_unused(const DatasetOptions& options, std::string_view layout, std::
        {std::pair{"--images", options.read.images != usual.read.images},
         std::pair{"--colmap-model", options.read.colmap_model != usual.read.colmap_model},
         // 0 means that no training views are held out. This is also true for data that state their test
-        // views.
-        std::pair{"--test-every",
-                  options.read.test_every != usual.read.test_every && options.read.test_every != 0},
+        // views. Runs of earlier versions recorded kTestEvery for all data.
+        std::pair{"--test-every", options.read.test_every != usual.read.test_every &&
+                                      options.read.test_every != 0 && options.read.test_every != kTestEvery},
         std::pair{"--frames", options.read.frames != usual.read.frames}})
     if (given && used.find(option) == std::string_view::npos)
       fail(ErrorKind::usage, "the layout {} does not use {}: remove it", layout, option);

@@ -86,7 +86,8 @@ LoadedScene load_llff(const std::filesystem::path& folder, const DatasetOptions&
 LoadedScene load_packed(const std::filesystem::path& file, const DatasetOptions& options);
 
 // Throws Error(usage) if one of --images, --colmap-model, --test-every and --frames is not listed in `used`
-// and has a value other than its default, because this value would be ignored. --test-every 0 is accepted.
+// and has a value other than its default, because this value would be ignored. --test-every 0 and 8 are
+// accepted.
 // This function is not called for packed files, because the settings of a run are also used with a packed
 // copy of its data.
 void refuse_unused(const DatasetOptions& options, std::string_view layout, std::string_view used);

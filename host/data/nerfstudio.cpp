@@ -13,6 +13,7 @@
 #include "host/data/load_dataset.hpp"
 #include "host/data/name_index.hpp"
 #include "host/data/named_files.hpp"
+#include "host/data/split_views.hpp"
 #include "host/data/view_image.hpp"
 #include "host/data/view_names.hpp"
 
@@ -124,7 +125,7 @@ std::vector<Split> make_splits(std::vector<NamedView> named, const Node& file, c
   std::vector<View> views;
   if (std::ranges::none_of(lists, [](const auto& list) { return list.second.has_value(); })) {
     for (NamedView& n : named) views.push_back(std::move(n.view));
-    return split_every(std::move(views), options.read.test_every);
+    return split_views(std::move(views), options.read.test_every, report);
   }
   if (!lists[0].second) {
     std::set<std::string> rest;

@@ -180,26 +180,6 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
   return count;
 }
 
-std::vector<Split> split_every(std::vector<View> views, int test_every) {
-  std::ranges::stable_sort(views, {}, [](const View& view) {
-    return std::pair<const std::string&, const std::string&>(view.part_of.empty() ? view.name : view.part_of,
-                                                             view.name);
-  });
-  Split train{"train", {}}, test{"test", {}};
-  std::size_t images = 0;
-  std::string image;  // the image that the previous view is a part of
-  for (View& view : views) {
-    if (view.part_of.empty() || view.part_of != image) ++images;
-    image = view.part_of;
-    const bool held = test_every > 0 && (images - 1) % static_cast<std::size_t>(test_every) == 0;
-    (held ? test : train).views.push_back(std::move(view));
-  }
-  std::vector<Split> splits;
-  splits.push_back(std::move(train));
-  if (!test.views.empty()) splits.push_back(std::move(test));
-  return splits;
-}
-
 std::string view_name(const fs::path& relative) {
   std::string name = (relative.parent_path() / relative.stem()).lexically_normal().string();
   std::ranges::replace(name, '/', '_');

@@ -33,10 +33,6 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
                          const std::filesystem::path& file, const std::filesystem::path& mask,
                          const DatasetOptions& options, LoadReport& report);
 
-// Sorts images by name and splits them: every n-th image is in the split test (method.md 4.5), the others are
-// in the split train. All views of one image (View::part_of) are in the same split.
-std::vector<Split> split_every(std::vector<View> views, int test_every);
-
 // Returns the name of a view, which becomes a file name: "cam1/0001.jpg" -> "cam1_0001".
 std::string view_name(const std::filesystem::path& relative);
 

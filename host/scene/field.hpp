@@ -19,8 +19,9 @@ namespace ubs {
 
 // Value of a real field that will be chosen from the data; written and read as "auto".
 inline constexpr double kAuto = -std::numeric_limits<double>::infinity();
-// Value of an integer field that will be chosen from the data. No such field has 0 in its range.
-inline constexpr int kAutoInt = 0;
+// Value of an integer field that will be chosen from the data. No such field has negative numbers in its
+// range.
+inline constexpr int kAutoInt = -1;
 
 // ChoiceRef refers to a member that is an enumeration. Its numbers are the positions of the words in
 // Field::choices.

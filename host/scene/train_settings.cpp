@@ -199,9 +199,11 @@ const Field<S> kFields[] = {
          {"principal_point",
           "principal point of the cameras: that of the data, or the centre of the image, as published",
           &choice<S, &S::principal_point>, -1, 1, false, "true|centre"}),
-    used(kOfReading | kSetFirst,
-         {"test_every", "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: none",
-          &S::test_every, 0, 1'000'000}),
+    used(kOfReading | kSetFirst, {"test_every",
+                                  "every n-th view by name is a test view (COLMAP, LLFF, nerfstudio); 0: "
+                                  "none; auto: 8, but views that lie between others if there are fewer than "
+                                  "24 images (docs/data.md)",
+                                  &S::test_every, 0, 1'000'000, true}),
     used(kFreeOnResume,
          {"image_cache_mb", "memory for images [MB]; if they need more, they are decoded when needed",
           &S::image_cache_mb, 1, 1 << 20}),

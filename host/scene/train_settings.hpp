@@ -37,9 +37,10 @@ struct ReadSettings {
   std::string images = "auto";  // folder of images inside a COLMAP or LLFF folder; auto: images
   // Folder below sparse/ with the model; auto: the one with the most images.
   std::string colmap_model = "auto";
-  std::string cache_folder;          // for undistorted images and video frames; empty: they are not stored
-  int downscale = 1;                 // images are reduced by this factor on load
-  int test_every = 8;                // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none
+  std::string cache_folder;  // for undistorted images and video frames; empty: they are not stored
+  int downscale = 1;         // images are reduced by this factor on load
+  // COLMAP, LLFF, nerfstudio: every n-th view is a test view; 0: none; auto: host/data/split_views.hpp
+  int test_every = kAutoInt;
   int image_cache_mb = 4096;         // memory for images; other images are decoded when needed
   PrincipalPoint principal_point{};  // centre: the centre of the image, as in the published code
   IndexRange frames;                 // frames of videos

@@ -423,7 +423,7 @@ def test_settings_take_numbers_of_numpy(folder: Path) -> None:
 def test_data_are_read_with_the_settings_of_their_opening(
     folder: Path, data: ubs.Dataset, tmp_path: Path
 ) -> None:
-    for key, value, opened in (("background", (1, 1, 1), "0,0,0"), ("downscale", 2, "1"), ("test_every", 4, "8")):
+    for key, value, opened in (("background", (1, 1, 1), "0,0,0"), ("downscale", 2, "1"), ("test_every", 4, "auto")):
         message = f"{key} = {as_text(value)} has no effect here, because the data .* with {opened}"
         with pytest.raises(ubs.UsageError, match=message):
             ubs.Trainer(data, **{**SETTINGS, key: value})

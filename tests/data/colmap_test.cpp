@@ -70,7 +70,7 @@ std::string binary_image(const std::string& name, std::uint64_t observations) {
 TEST_CASE("colmap: a text model becomes a data set", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
-  const Dataset data = load_dataset(folder.path());
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
   CHECK(data.report.layout == "colmap");
   CHECK(data.report.skipped.empty());
   REQUIRE(data.find("train")->views.size() == 8);
@@ -177,6 +177,7 @@ TEST_CASE("colmap: downscale, principal point, split, other folders", "[colmap]"
   // Reduced images of a folder are used unchanged, not scaled up to the size of the cameras.
   for (int i = 0; i < 10; ++i) put_image(folder / fmt::format("images_4/im{}.png", i), 16, 12, i);
   options = {};
+  options.read.test_every = 8;
   options.read.images = "images_4";
   data = load_dataset(folder.path(), options);
   camera = data.find("train")->views[0].camera;
@@ -236,7 +237,7 @@ TEST_CASE("colmap: masked pixels are ignored", "[colmap]") {
   std::fill_n(mask.rgb.begin(), 64 * 3 * 10, std::uint8_t{0});  // the upper ten rows
   std::filesystem::create_directories(folder / "masks");
   save_png(folder / "masks/im3.png.png", mask);
-  const Dataset data = load_dataset(folder.path());
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
   const View& view = data.find("train")->views[2];
   CHECK(view.masked);
   CHECK(view.image.rgb == gradient_image(64, 48, 3).rgb);
@@ -248,6 +249,7 @@ TEST_CASE("colmap: masked pixels are ignored", "[colmap]") {
 
   DatasetOptions options;
   options.read.downscale = 2;
+  options.read.test_every = 8;
   const Image8 half = load_dataset(folder.path(), options).find("train")->views[2].load_image();
   REQUIRE(half.mask.size() == 32 * 24);
   CHECK(half.mask[32 * 5 - 1] == 0);
@@ -297,6 +299,7 @@ TEST_CASE("colmap: masks of full images are applied to reduced images", "[colmap
   REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), mask));
   DatasetOptions options;
   options.read.images = "images_2";
+  options.read.test_every = 8;
   std::vector<std::uint8_t> expected(32 * 24, 255);
   std::fill_n(expected.begin(), 32 * 12, std::uint8_t{0});
   CHECK(load_dataset(folder.path(), options).find("train")->views[2].image.mask == expected);
@@ -314,7 +317,7 @@ TEST_CASE("colmap: masks may have colours and a meaningful alpha channel", "[col
     cv::Mat mask;
     cv::vconcat(upper, lower, mask);
     REQUIRE(cv::imwrite((folder / "masks/im3.png").string(), mask));
-    return load_dataset(folder.path()).find("train")->views[2].image.mask;
+    return load_dataset(folder.path(), {.read = {.test_every = 8}}).find("train")->views[2].image.mask;
   };
   const auto half = [](int type, const cv::Scalar& colour) { return cv::Mat(24, 64, type, colour); };
   std::vector<std::uint8_t> expected(64 * 48, 255);
@@ -331,7 +334,8 @@ TEST_CASE("colmap: an image with alpha is not opaque", "[colmap]") {
   REQUIRE(
       cv::imwrite((folder / "images/im1.png").string(), cv::Mat(48, 64, CV_8UC4, cv::Scalar(9, 9, 9, 99))));
   REQUIRE(cv::imwrite((folder / "images/im2.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(9))));
-  const std::vector<View> views = load_dataset(folder.path()).find("train")->views;
+  const std::vector<View> views =
+      load_dataset(folder.path(), {.read = {.test_every = 8}}).find("train")->views;
   REQUIRE(views[0].name == "im1");
   CHECK_FALSE(views[0].opaque);
   for (std::size_t i = 1; i < views.size(); ++i) CHECK(views[i].opaque);
@@ -343,7 +347,7 @@ TEST_CASE("colmap: wide images become several views", "[colmap]") {
   TempFolder folder;
   put_scene(folder);
   put(folder / "sparse/0/cameras.txt", "1 EQUIRECTANGULAR 64 48 64 48\n");
-  const Dataset data = load_dataset(folder.path());
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
   CHECK(data.find("train")->views.size() == 8 * 6);
   REQUIRE(data.find("test")->views.size() == 2 * 6);  // im0 and im8
   CHECK(data.find("test")->views[0].name == "im0_back");
@@ -392,7 +396,7 @@ TEST_CASE("colmap: the mask of a wide image is applied to its views", "[colmap]"
   mask.rowRange(30, 48) = 0;  // from 22 degrees below the horizon, where the tripod is
   std::filesystem::create_directories(folder / "masks");
   cv::imwrite((folder / "masks/im3.png").string(), mask);
-  const Dataset data = load_dataset(folder.path());
+  const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
   CHECK(data.find("train")->views.size() == 8 * 6 - 1);
   for (const View& view : data.find("train")->views) {
     CHECK(view.name != "im3_down");

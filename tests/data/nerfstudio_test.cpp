@@ -53,6 +53,7 @@ TEST_CASE("nerfstudio: intrinsics, split, points, masks", "[nerfstudio]") {
       nerfstudio_json(kHead + R"("ply_file_path": "p.ply", )", R"(, "mask_path": "mask.png")"));
   DatasetOptions options;
   options.background = {1, 0, 0};
+  options.read.test_every = 8;
   const Dataset data = load_dataset(folder.path(), options);
   CHECK(data.report.layout == "nerfstudio");
   CHECK(data.find("test")->views.size() == 1);
@@ -147,7 +148,7 @@ TEST_CASE("nerfstudio: all camera models of COLMAP", "[nerfstudio]") {
     put(folder / "transforms.json",
         nerfstudio_json(fields + fmt::format("\"camera_model\": \"{}\", ", name)));
     INFO(name);
-    const Dataset data = load_dataset(folder.path());
+    const Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
     const Lens lens = make_colmap_camera(std::string(model.name), 64, 48, parameters, "test").lens;
     const Camera& camera = data.splits[0].views[0].camera;
     if (!lens.distorted()) {
@@ -288,6 +289,8 @@ TEST_CASE("dataset: settings that a layout does not use are rejected", "[dataset
              Contains("nerfstudio does not use --images"));
   CHECK_THAT(refusal("transforms.json", {.read = {.frames = {.end = 3}}}), Contains("not use --frames"));
   CHECK_THAT(refusal("transforms_train.json", {.read = {.test_every = 4}}), Contains("not use --test-every"));
+  // Earlier versions recorded 8 for all layouts.
+  CHECK_NOTHROW(refuse_unused({.read = {.test_every = 8}}, "blender", ""));
 }
 
 TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") {
@@ -295,7 +298,7 @@ TEST_CASE("dataset: coordinates far from the origin become local", "[dataset]") 
   put_frames(folder, 9);
   const double far = 4.0e6;
   put(folder / "transforms.json", nerfstudio_json(kHead, "", 9, far));
-  Dataset data = load_dataset(folder.path());
+  Dataset data = load_dataset(folder.path(), {.read = {.test_every = 8}});
   CHECK(data.offset[0] == Approx(far).epsilon(1e-5));
   CHECK(data.offset[0] == std::round(data.offset[0]));
   const View& view = data.find("train")->views[1];  // f2
