@@ -378,6 +378,8 @@ int run(const TrainOptions& options) {
     std::vector<double> differences;
     if (device_kinds > 1) differences = trainer.shared()->picture_differences(0);
     if (options.lpips.wanted()) measure_finally(*device, lpips, trainer, outcome);
+    if (!outcome.interrupted && outcome.evaluation && ranks().size() == 1)
+      outcome.train = trainer.evaluate_train(kMeasuredTrainViews);
     if (ranks().first()) {
       json = run_json(start, *device, peak_bytes, trainer, outcome);
       json["kernel_seconds"] = build_seconds;

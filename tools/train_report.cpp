@@ -26,7 +26,30 @@ Json minutes_json(const Trainer& trainer) {
   return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
 }
 
+// Difference between the PSNR of training and test views that is reported (docs/training.md).
+constexpr double kOverfit = 6;
+
+// Returns the PSNR from the fitted pose or with the fitted appearance if the run determines these, because
+// the training views have them too.
+double comparable_psnr(const ViewMetrics& mean) {
+  double psnr = mean.psnr_channel_mean;
+  for (const auto& fit : {mean.fitted, mean.posed})
+    if (fit) psnr = std::max(psnr, fit->psnr_channel_mean);
+  return psnr;
+}
+
 }  // namespace
+
+std::string overfit_text(const Outcome& outcome) {
+  if (!outcome.evaluation || !outcome.train || outcome.train->views.empty()) return {};
+  const double train = comparable_psnr(outcome.train->mean);
+  const double above = train - comparable_psnr(outcome.evaluation->metrics.mean);
+  if (!(above > kOverfit)) return {};
+  return fmt::format(
+      "training views have {:.2f} dB, {:.1f} dB more than the test views: more images between the existing "
+      "ones help most, and a longer training does not help (docs/training.md)",
+      train, above);
+}
 
 void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
                  const Device& device) {
@@ -46,6 +69,7 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
         evaluation->iteration == trainer.iteration()
             ? ""
             : fmt::format(", after iteration {}", evaluation->iteration));
+  if (const std::string overfit = overfit_text(outcome); !overfit.empty()) say("overfit  {}\n", overfit);
   say("memory   {}, peak {:.1f} MiB\n", summary(trainer.memory_plan()),
       static_cast<double>(peak_bytes) / (1 << 20));
   say("model    {}\nmetrics  {}\n", folder.model().string(), folder.metrics().string());
@@ -105,6 +129,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
     json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};
     json["test"].update(metrics_json(evaluation->metrics));
   }
+  if (outcome.train) json["train"] = metrics_json(*outcome.train);
   return json;
 }
 

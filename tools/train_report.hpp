@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 #include "host/data/load_dataset.hpp"
 #include "host/train/trainer.hpp"
@@ -21,7 +22,15 @@ struct Evaluation {
 struct Outcome {
   bool interrupted = false;
   std::optional<Evaluation> evaluation;  // the last evaluation
+  std::optional<Metrics> train;          // some training views, measured with the finished model
 };
+
+// Number of training views that are measured at the end of a run, to compare them with the test views.
+inline constexpr std::size_t kMeasuredTrainViews = 8;
+
+// Returns a line for the summary if the training views are measured at a much higher PSNR than the test
+// views, otherwise nothing.
+std::string overfit_text(const Outcome& outcome);
 
 void print_start(const Dataset& data, const Split& train, const Split& test, const TrainSettings& settings,
                  const Device& device);

@@ -29,6 +29,11 @@ namespace {
 // kNoiseOfDepth / 4^2.
 constexpr double kNoiseOfDepth = 1.6e7;
 
+// Ratio of the brightness of images above which a training prints a hint. Cameras with a fixed exposure
+// reached 1.03, and exposures that differ by up to 0.8 stops from the mean 1.17 to 1.36
+// (docs/results/2026-11-28-uneven-exposure.md).
+constexpr double kUnevenBrightness = 1.1;
+
 // Returns at most `most` points, evenly chosen in their order, so that dense regions stay dense.
 PointCloud thinned(PointCloud points, std::size_t most) {
   const std::size_t all = points.positions.size();
@@ -127,6 +132,11 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
   if (settings.init_extent != kAuto || settings.init_points != kAutoInt) return;
   const auto between = static_cast<std::size_t>(std::min(kMaxPlaced, median_pixels(train) / kPixelsAPoint));
   const Triangulation found = triangulate(train.views, between, settings.seed);
+  if (found.brightness_ratio > kUnevenBrightness && settings.appearance == Appearance::none)
+    warn(
+        "the exposure of the images differs (many show the same points {:.2f} times as bright as a "
+        "neighbouring image): --appearance gain compensates for this",
+        found.brightness_ratio);
   if (found.corners < kMinCorners) return;
   if (!data.points) data.points.emplace();
   std::ranges::copy(found.points.positions, std::back_inserter(data.points->positions));

@@ -35,6 +35,12 @@ constexpr double kPlacedAgreement = 0.85;
 constexpr std::size_t kTries = 4;  // maximum number of pixels tried per point to place
 constexpr std::uint32_t kStream = 0x706c6163;
 
+// Constants for the comparison of brightness.
+constexpr std::size_t kMinCompared = 50;  // minimum number of corners that two images have in common
+constexpr std::size_t kMinPairs = 3;
+constexpr double kExceeded = 0.9;              // share of the pairs with a smaller ratio
+constexpr double kDarkest = 16, kWhite = 240;  // noise and clipping change the ratio of other values
+
 void add(PointCloud& cloud, const Vec3& p, const std::uint8_t* colour) {
   cloud.positions.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
   cloud.colours.push_back({colour[0], colour[1], colour[2]});
@@ -118,6 +124,36 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
   }
 }
 
+// Returns the mean of the pixels around a corner.
+double brightness_at(const GreyPicture& picture, const Pixel& at) {
+  constexpr int kReach = 2;
+  double sum = 0;
+  for (int y = -kReach; y <= kReach; ++y)
+    for (int x = -kReach; x <= kReach; ++x) {
+      const float value = picture.at(at[0] + x * picture.across, at[1] + y * picture.down);
+      if (value < 0) return -1;
+      sum += value;
+    }
+  return sum / ((2 * kReach + 1) * (2 * kReach + 1));
+}
+
+// Returns the log of the ratio by which b is brighter than a, or a than b, in at least three quarters of the
+// matched corners. Different exposures change all corners alike. Reflections change some corners more than
+// others, and some not at all, so that this ratio remains near 1.
+std::optional<double> log_brightness_ratio(const Corners& a, const Corners& b,
+                                           const std::vector<Match>& matches) {
+  std::vector<double> logs;
+  for (const Match& match : matches) {
+    const double in_a = brightness_at(a.picture, a.at[match.a]);
+    const double in_b = brightness_at(b.picture, b.at[match.b]);
+    if (std::min(in_a, in_b) >= kDarkest && std::max(in_a, in_b) <= kWhite)
+      logs.push_back(std::log(in_b / in_a));
+  }
+  if (logs.size() < kMinCompared) return std::nullopt;
+  std::ranges::sort(logs);
+  return std::max({0.0, logs[logs.size() / 4], -logs[logs.size() - 1 - logs.size() / 4]});
+}
+
 }  // namespace
 
 Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed) {
@@ -131,9 +167,11 @@ Triangulation triangulate(std::span<const View> all, std::size_t between, std::u
   parallel_for(views.size(), [&](std::size_t v) { corners[v] = find_corners(*views[v], CornerKind::dense); });
   const auto pairs = neighbours(cameras, kNeighbours);
   std::vector<std::vector<Match>> matches(pairs.size());
+  std::vector<std::optional<double>> ratios(pairs.size());
   parallel_for(pairs.size(), [&](std::size_t p) {
     const auto [a, b] = pairs[p];
     matches[p] = match(corners[a], corners[b]);
+    ratios[p] = log_brightness_ratio(corners[a], corners[b], matches[p]);
   });
 
   std::vector<std::size_t> first(views.size() + 1);
@@ -150,6 +188,14 @@ Triangulation triangulate(std::span<const View> all, std::size_t between, std::u
   Triangulation out;
   for (const auto& [track, best] : points) add(out.points, best->point, best->colour.data());
   out.corners = points.size();
+
+  std::erase(ratios, std::nullopt);
+  if (ratios.size() >= kMinPairs) {
+    const auto exceeded =
+        ratios.begin() + static_cast<std::ptrdiff_t>(kExceeded * static_cast<double>(ratios.size() - 1));
+    std::ranges::nth_element(ratios, exceeded);
+    out.brightness_ratio = std::exp(**exceeded);
+  }
 
   std::vector<std::vector<const GreyPicture*>> others(views.size());
   for (const auto& [a, b] : pairs) {

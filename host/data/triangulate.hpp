@@ -15,6 +15,9 @@ namespace ubs {
 struct Triangulation {
   PointCloud points;
   std::size_t corners = 0;  // number of corner points, which come first; pixels between corners follow
+  // How many times as bright one image shows the same corners as a neighbouring image: the ratio that a tenth
+  // of the pairs of images exceed. It is 1 if the pairs have too few corners in common.
+  double brightness_ratio = 1;
 };
 
 // Finds corners (SIFT descriptors) in at most 200 evenly chosen views and matches them between neighbours

@@ -332,6 +332,21 @@ Metrics Trainer::evaluate_test(ImageMetrics* more) {
   return metrics;
 }
 
+Metrics Trainer::evaluate_train(std::size_t most) {
+  stages_->pause();
+  if (views_.use_factor(1)) set_cameras(views_.cameras());
+  Metrics metrics;
+  const std::size_t all = views_.train().views.size(), count = std::min(most, all);
+  for (std::size_t k = 0; k < count; ++k) {
+    const auto view = static_cast<std::uint32_t>((2 * k + 1) * all / (2 * count));
+    const Target target = views_.targets().get(view);
+    if (target.mask.size > 0 && target.counted == 0) continue;
+    metrics.views.push_back(passes_->evaluate_train(view, settings().appearance));
+  }
+  add_mean(metrics);
+  return metrics;
+}
+
 void Trainer::keep_to(const TimeBudget& budget) {
   if (ranks_.size() > 1) fail(ErrorKind::usage, "a time budget is not supported with several MPI processes");
   pace_.emplace(budget, settings(), views_.train(), initial_);

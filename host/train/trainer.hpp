@@ -108,6 +108,9 @@ class Trainer {
   // Measures the present model on the test views, with the additional metrics of `more` if it is given. All
   // ranks must call it.
   Metrics evaluate_test(ImageMetrics* more = nullptr);
+  // Measures the present model on at most `most` training views in full size, evenly chosen. Views of which
+  // the mask leaves no pixel are not measured. Only for one process.
+  Metrics evaluate_train(std::size_t most);
   // draw() renders the view of one of these cameras into renderer() of the first rank. All ranks must call
   // both methods.
   void set_cameras(const std::vector<Camera>& cameras) { passes_->set_cameras(cameras); }

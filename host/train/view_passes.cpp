@@ -68,4 +68,12 @@ Metrics ViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
                   views_.targets(), first_test(), more, fit);
 }
 
+ViewMetrics ViewPasses::evaluate_train(std::uint32_t view, Appearance fit) {
+  const View& own = views_.train().views[view];
+  const std::vector<View> named{{.name = own.name, .part_of = own.part_of}};  // without a copy of its pixels
+  return evaluate(device_, stages_, renderer_, splats_.view(), settings_, named, views_.targets(), view,
+                  nullptr, fit)
+      .views[0];
+}
+
 }  // namespace ubs

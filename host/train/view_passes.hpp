@@ -71,6 +71,8 @@ class ViewPasses {
   virtual void merge(BufferView<float>, std::size_t) const {}
   // Measures the test views. `more` and `fit` are those of evaluate().
   virtual Metrics evaluate_test(ImageMetrics* more, Appearance fit);
+  // Measures a training view in the same way, at its present size. Only for one process.
+  ViewMetrics evaluate_train(std::uint32_t view, Appearance fit);
 
  protected:
   std::uint32_t first_test() const { return static_cast<std::uint32_t>(views_.train().views.size()); }

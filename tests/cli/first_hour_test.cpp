@@ -321,7 +321,29 @@ TEST_CASE("splats start where the images agree, and config.yaml reproduces this"
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out c --iterations 1 --init-points 70").out,
              Contains("begins   70 splats") && !Contains("initial points found"));
+  CHECK_THAT(first.err, !Contains("exposure"));
+  for (int i = 0; i < 24; i += 2) {
+    const fs::path file = folder / fmt::format("data/train/r_{:03}.png", i);
+    Image8 image = load_image(file);
+    for (std::uint8_t& value : image.rgb) value = static_cast<std::uint8_t>(0.7 * value);
+    save_png(file, image);
+  }
+  const std::string uneven = "train data --dim 3 --iterations 1 --cap-max 100 --out ";
+  CHECK_THAT(ubs_ok(folder, uneven + "d").err, Contains("exposure") && Contains("--appearance gain"));
+  CHECK_THAT(ubs_ok(folder, uneven + "e --appearance gain").err, !Contains("exposure"));
   CHECK_THAT(ubs_ok(folder, "train --help").out, Contains("auto: triangulate points from the images"));
+}
+
+TEST_CASE("a model that overfits its training images is reported") {
+  const TempFolder folder;
+  put_scene(folder / "data", 32, 3, 3);
+  const std::string train = "train data --dim 3 --init-points 2000 --cap-max 2000 --unit 1 --out ";
+  CHECK_THAT(ubs_ok(folder, train + "run --iterations 1000").out, Contains("overfit  training views have "));
+  const json metrics = json::parse(get(folder / "run/metrics.json"));
+  CHECK(metrics["train"]["views"].size() == 3);
+  const json measured = json::parse(ubs_ok(folder, "eval run --split train --json").out);
+  CHECK(measured["mean"]["psnr"] == metrics["train"]["mean"]["psnr"]);
+  CHECK_THAT(ubs_ok(folder, train + "short --iterations 10").out, !Contains("overfit"));
 }
 
 TEST_CASE("ubs train FOLDER chooses all other settings and reports them") {

@@ -69,6 +69,17 @@ TEST_CASE("keypoints of a plane, and pixels between them, are placed on the plan
   CHECK(triangulate(views, 0, 3).points.positions.size() == found.corners);
 }
 
+TEST_CASE("images of different exposure are recognised by the brightness of what they have in common") {
+  std::vector<View> views = views_of_plane();
+  const auto ratio = [&] { return triangulate(views, 0, 3).brightness_ratio; };
+  CHECK(ratio() < 1.01);
+  for (const std::size_t v : {1, 3})
+    for (std::uint8_t& value : views[v].image.rgb) value = static_cast<std::uint8_t>(0.8 * value);
+  CHECK(ratio() == Approx(1.25).margin(0.02));
+  views.resize(2);  // a single pair of images is not enough
+  CHECK(ratio() == 1);
+}
+
 TEST_CASE("a patch is matched at its depth") {
   const std::vector<View> views = views_of_plane();
   std::vector<GreyPicture> pictures;
