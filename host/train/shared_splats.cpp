@@ -35,6 +35,12 @@ Share overlap(const Share& a, const Share& b) {
 
 }  // namespace
 
+std::unique_ptr<TrainedSplats> make_trained_splats(Communicator& ranks, Device& device, Stages& stages,
+                                                   const SplatModel& initial, std::size_t capacity) {
+  if (ranks.size() == 1) return std::make_unique<TrainedSplats>(device, stages, initial, capacity);
+  return std::make_unique<SharedSplats>(ranks, device, stages, initial, capacity);
+}
+
 SplatModel part_of(const SplatModel& model, const Share& share) {
   SplatModel part(model.dim, share.count, model.variant);
   part.values = part_of(model.values, model.count, share);

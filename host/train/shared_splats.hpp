@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 
 #include "host/cluster/communicator.hpp"
 #include "host/cluster/share.hpp"
@@ -57,6 +58,10 @@ class SharedSplats final : public TrainedSplats {
   std::uint32_t total_;
   Buffer<std::uint32_t> weights_, copy_counts_;
 };
+
+// Returns the splats of this rank: all splats, if there is only one.
+std::unique_ptr<TrainedSplats> make_trained_splats(Communicator& ranks, Device& device, Stages& stages,
+                                                   const SplatModel& initial, std::size_t capacity);
 
 // Returns a rank's part of a model, or of rows in the layout of a model without padding.
 SplatModel part_of(const SplatModel& model, const Share& share);

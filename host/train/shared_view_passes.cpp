@@ -125,4 +125,26 @@ void SharedViewPasses::merge(BufferView<float> rows, std::size_t width) const {
   device_.write(*rows.memory, 0, std::as_bytes(std::span(values)));
 }
 
+void SharedViewPasses::agree(std::span<bool> decisions, BufferView<std::uint32_t> sentinel,
+                             int iteration) const {
+  std::vector<std::uint64_t> words;
+  for (const bool decision : decisions) words.push_back(ranks_.first() && decision);
+  std::uint32_t stamp = 0;
+  const auto bytes = std::span(&stamp, 1);
+  if (sentinel.size > 0) device_.read(*sentinel.memory, 0, std::as_writable_bytes(bytes));
+  words.push_back(stamp != 0);
+  ranks_.sum(words);
+  for (std::size_t i = 0; i < decisions.size(); ++i) decisions[i] = words[i] != 0;
+  if (words.back() == 0 || stamp != 0) return;
+  stamp = static_cast<std::uint32_t>(iteration);
+  device_.write(*sentinel.memory, 0, std::as_bytes(bytes));
+}
+
+std::unique_ptr<ViewPasses> make_view_passes(Communicator& ranks, Device& device, Stages& stages,
+                                             TrainingViews& views, TrainedSplats& splats,
+                                             const RenderSettings& settings) {
+  if (ranks.size() == 1) return std::make_unique<ViewPasses>(device, stages, views, splats, settings);
+  return std::make_unique<SharedViewPasses>(ranks, device, stages, views, splats, settings);
+}
+
 }  // namespace ubs

@@ -4,6 +4,8 @@
 // splats from all ranks and sends their gradients back.
 #pragma once
 
+#include <memory>
+
 #include "host/cluster/communicator.hpp"
 #include "host/cluster/deal.hpp"
 #include "host/pipeline/shared_renderer.hpp"
@@ -35,6 +37,7 @@ class SharedViewPasses final : public ViewPasses {
   void upload_first(int iteration) override;
   Renderer& learning_renderer() override { return shared_.owner(); }
   void merge(BufferView<float> rows, std::size_t width) const override;
+  void agree(std::span<bool> decisions, BufferView<std::uint32_t> sentinel, int iteration) const override;
   Metrics evaluate_test(ImageMetrics* more, Appearance fit) override;
 
  private:
@@ -45,5 +48,10 @@ class SharedViewPasses final : public ViewPasses {
   SharedRenderer shared_;
   Deal deal_;
 };
+
+// Returns the passes of this rank: those over all views, if there is only one.
+std::unique_ptr<ViewPasses> make_view_passes(Communicator& ranks, Device& device, Stages& stages,
+                                             TrainingViews& views, TrainedSplats& splats,
+                                             const RenderSettings& settings);
 
 }  // namespace ubs

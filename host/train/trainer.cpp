@@ -63,9 +63,10 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       views_(device, this->settings(), train, test),
       stages_(std::make_unique<TimedStages>(
           device, make_stages(device, training_config(this->settings(), device.info())), time)),
-      splats_(all_or_own_splats(initial)),
-      passes_(all_or_own_passes()),
-      shared_(dynamic_cast<SharedViewPasses*>(passes_.get())),
+      splats_(make_trained_splats(ranks, device, *stages_, initial,
+                                  static_cast<std::size_t>(this->settings().cap_max))),
+      passes_(make_view_passes(ranks, device, *stages_, views_, *splats_,
+                               ubs::render_settings(this->settings()))),
       sky_(device, this->settings(), *passes_, views_.batch()),
       cameras_(device, *stages_, views_, *passes_, *splats_, time),
       rates_(device, "learning rates", static_cast<std::size_t>(splats_->model().rows())),
@@ -73,18 +74,6 @@ Trainer::Trainer(Device& device, const TrainSettings& settings, const Split& tra
       guard_(device, this->settings().on_nan) {
   if (this->settings().refine_cameras != RefineCameras::none) views_.refine_cameras(initial);
   set_cameras(views_.cameras());
-}
-
-std::unique_ptr<TrainedSplats> Trainer::all_or_own_splats(const SplatModel& initial) {
-  const auto capacity = static_cast<std::size_t>(settings().cap_max);
-  if (ranks_.size() == 1) return std::make_unique<TrainedSplats>(device_, *stages_, initial, capacity);
-  return std::make_unique<SharedSplats>(ranks_, device_, *stages_, initial, capacity);
-}
-
-std::unique_ptr<ViewPasses> Trainer::all_or_own_passes() {
-  const RenderSettings render = ubs::render_settings(settings());
-  if (ranks_.size() == 1) return std::make_unique<ViewPasses>(device_, *stages_, views_, *splats_, render);
-  return std::make_unique<SharedViewPasses>(ranks_, device_, *stages_, views_, *splats_, render);
 }
 
 TrainSettings Trainer::drawn_settings() const {
@@ -270,34 +259,17 @@ Trainer::Due Trainer::due(double evaluated) const {
   const int iteration = progress_.iteration;
   const bool last = iteration == settings().iterations;
   const RunInterval every = evaluation_interval(settings());
-  bool by_time = every.seconds > 0 &&
-                 std::floor(progress_.seconds / every.seconds) > std::floor(evaluated / every.seconds);
-  bool saves = !last && save_due();
-  agree(by_time, saves);
+  std::array decisions{every.seconds > 0 && std::floor(progress_.seconds / every.seconds) >
+                                                std::floor(evaluated / every.seconds),
+                       !last && save_due()};
+  passes_->agree(decisions, guard_.sentinel(), iteration);
+  const auto [by_time, saves] = decisions;
   const bool by_iteration = every.iterations > 0 && iteration % every.iterations == 0;
   const bool evaluates = !views_.test().views.empty() && (last || by_time || by_iteration);
   const bool reads = evaluates || last || iteration - progress_.logged >= settings().log_every;
   const bool changes =
       schedule_.refines(iteration + 1) || (cameras_.refines() && schedule_.camera_sweep(iteration + 1));
   return {evaluates, saves, reads, guard_.due(iteration, reads || saves || changes)};
-}
-
-// Ensures that all ranks make the same decisions. The first rank makes those that depend on the clock. If one
-// rank has found a value that is not finite, the steps of all ranks stop.
-void Trainer::agree(bool& by_time, bool& saves) const {
-  if (ranks_.size() == 1) return;
-  std::array<std::uint64_t, 3> words{ranks_.first() && by_time, ranks_.first() && saves, 0};
-  const BufferView<std::uint32_t> sentinel = guard_.sentinel();
-  std::uint32_t stamp = 0;
-  const auto bytes = std::span(&stamp, 1);
-  if (sentinel.size > 0) device_.read(*sentinel.memory, 0, std::as_writable_bytes(bytes));
-  words[2] = stamp != 0;
-  ranks_.sum(words);
-  by_time = words[0] != 0;
-  saves = words[1] != 0;
-  if (words[2] == 0 || stamp != 0) return;
-  stamp = static_cast<std::uint32_t>(progress_.iteration);
-  device_.write(*sentinel.memory, 0, std::as_bytes(bytes));
 }
 
 // Returns the mean loss of the iterations since the last report. This waits for the device.

@@ -119,7 +119,8 @@ class Trainer {
 
   TrainedCameras& cameras() { return cameras_; }
   Communicator& ranks() const { return ranks_; }
-  SharedViewPasses* shared() { return shared_; }  // null if there is one process
+  // Returns null if there is one process.
+  SharedViewPasses* shared() { return dynamic_cast<SharedViewPasses*>(passes_.get()); }
 
   double extent() const { return schedule_.extent(); }
   // Returns the computed device memory of this run, for the maximum number of intersections that a view has
@@ -138,10 +139,6 @@ class Trainer {
     bool looks = false;  // checks for values that are not finite
   };
 
-  // These functions create the parts for one process, or for one of several ranks.
-  std::unique_ptr<TrainedSplats> all_or_own_splats(const SplatModel& initial);
-  std::unique_ptr<ViewPasses> all_or_own_passes();
-
   void step();
   StepViews views_of_step();
   bool refine();  // returns true if splats were moved or added
@@ -153,7 +150,6 @@ class Trainer {
   void use_level_of(int iteration);
 
   Due due(double evaluated) const;
-  void agree(bool& by_time, bool& saves) const;
   bool save_due() const;
   void save_state();
   std::optional<double> read_loss();
@@ -174,7 +170,6 @@ class Trainer {
   std::unique_ptr<TimedStages> stages_;
   std::unique_ptr<TrainedSplats> splats_;
   std::unique_ptr<ViewPasses> passes_;
-  SharedViewPasses* const shared_;  // the same object if there are several ranks; otherwise null
   LearntSky sky_;
   TrainedCameras cameras_;
   Buffer<float> rates_;  // of all parameter rows

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <set>
+#include <span>
 #include <vector>
 
 #include "host/pipeline/renderer.hpp"
@@ -69,6 +70,10 @@ class ViewPasses {
   virtual Renderer& learning_renderer() { return renderer_; }
   // Makes rows that are indexed by draw, with `width` values each, the same on all ranks.
   virtual void merge(BufferView<float>, std::size_t) const {}
+  // Replaces decisions that may differ between ranks, because they depend on the clock, by those of the first
+  // rank. If one rank has found a value that is not finite, sets the sentinels of the others (Guard) to this
+  // iteration, so that the steps of all ranks stop.
+  virtual void agree(std::span<bool>, BufferView<std::uint32_t>, int) const {}
   // Measures the test views. `more` and `fit` are those of evaluate().
   virtual Metrics evaluate_test(ImageMetrics* more, Appearance fit);
   // Measures a training view in the same way, at its present size. Only for one process.
