@@ -125,7 +125,7 @@ class MetricOps {
   virtual std::size_t product_bytes(const MatrixProduct&) const = 0;
 };
 
-// Returns the operations of a device.
+// Returns the operations of image metrics other than PSNR and SSIM of a device.
 std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
 }  // namespace ubs

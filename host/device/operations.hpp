@@ -13,8 +13,6 @@ namespace ubs {
 // Returns the stages of a device, specialised for a configuration. Throws Error(usage) for an unsupported
 // configuration.
 std::unique_ptr<Stages> make_stages(Device& device, const KernelConfig& config);
-// Returns the operations of image metrics other than PSNR and SSIM.
-std::unique_ptr<MetricOps> make_metric_ops(Device& device);
 
 // Converts a choice of "cpu", "gpu" or "auto". RasterKind::cpu processes pixel blocks with explicit vectors,
 // RasterKind::gpu one pixel per work-item. "auto" selects RasterKind::cpu if the device has vectors of floats

@@ -154,15 +154,15 @@ TEST_CASE("page image: error, depth and alpha", "[report]") {
              Contains("2 x 1"));
 
   const std::vector<float> depth{2, 6, 100, 4}, alpha{1, 0.9f, 0.1f, 1};
-  const ValueRange range = depth_range(depth, alpha);
+  const ValueRange range = central_depth_range(depth, alpha);
   CHECK(range.low == 2);
   CHECK(range.high == 6);  // the nearly transparent pixel is ignored
   const Image8 picture = depth_image(depth, alpha, 4, 1, range);
   CHECK(sum(picture, 0) > sum(picture, 3));
   CHECK(sum(picture, 3) > sum(picture, 1));
-  CHECK(depth_range(std::vector<float>{3, 3}, std::vector<float>{1, 1}).high > 3);
-  CHECK(depth_range({}, {}).high == 1);
-  CHECK(depth_range(std::vector<float>{3, 5}, std::vector<float>{0, 0}).high == 5);
+  CHECK(central_depth_range(std::vector<float>{3, 3}, std::vector<float>{1, 1}).high > 3);
+  CHECK(central_depth_range({}, {}).high == 1);
+  CHECK(central_depth_range(std::vector<float>{3, 5}, std::vector<float>{0, 0}).high == 5);
   const float nan = std::numeric_limits<float>::quiet_NaN();
   CHECK(grey_image(std::vector<float>{0, 0.5f, 2, nan}, 4, 1).rgb ==
         std::vector<std::uint8_t>{0, 0, 0, 128, 128, 128, 255, 255, 255, 0, 0, 0});

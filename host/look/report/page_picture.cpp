@@ -89,7 +89,7 @@ Image8 error_image(const Image8& a, const Image8& b, double top) {
   return mapped(grey, kErrorMap);
 }
 
-ValueRange depth_range(std::span<const float> depth, std::span<const float> alpha) {
+ValueRange central_depth_range(std::span<const float> depth, std::span<const float> alpha) {
   std::vector<float> values;
   for (const float least : {0.5f, 0.0f}) {
     for (std::size_t i = 0; i < depth.size(); ++i)

@@ -25,7 +25,7 @@ struct ValueRange {
 };
 // Returns the range from the 1st to the 99th percentile of the depths of all pixels with an alpha of at least
 // 0.5, or of all pixels if there is no such pixel. `depth` and `alpha` have the same size.
-ValueRange depth_range(std::span<const float> depth, std::span<const float> alpha);
+ValueRange central_depth_range(std::span<const float> depth, std::span<const float> alpha);
 // Returns an image of the depth. Near pixels are bright; pixels with low alpha are darker.
 Image8 depth_image(std::span<const float> depth, std::span<const float> alpha, int width, int height,
                    ValueRange range);

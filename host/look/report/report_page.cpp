@@ -67,7 +67,7 @@ ValueRange common_depth_range(const ReportRuns& runs, const std::string& name) {
   for (const ReportRun& run : runs) {
     const DrawnView* view = view_named(run, name);
     if (!view || view->depth.empty()) continue;
-    const ValueRange own = depth_range(view->depth, view->alpha);
+    const ValueRange own = central_depth_range(view->depth, view->alpha);
     all = all ? ValueRange{std::min(all->low, own.low), std::max(all->high, own.high)} : own;
   }
   return all.value_or(ValueRange{});
