@@ -348,6 +348,7 @@ int run(const TrainOptions& options) {
   const InterruptGuard guard;
   begin(start, folder, trainer, options.talkative());
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
+  if (!settings.chosen.contains("eval_every")) trainer.sample_test();
   const double budget_seconds = run.budget.seconds;
   RunKeeper keeper(folder, std::move(run), start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet || !ranks().first());

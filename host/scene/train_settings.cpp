@@ -217,10 +217,12 @@ const Field<S> kFields[] = {
     used(kOfReading,
          {"frames", "frames of videos to use, FIRST:END:STEP, such as 0:300 or 0:300:2; empty: all",
           &S::frames, 0, kMaxIterations, true}),
-    used(kFreeOnResume | kSetFirst,
-         {"eval_every",
-          "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end",
-          &S::eval_every}),
+    used(
+        kFreeOnResume | kSetFirst,
+        {"eval_every",
+         "iterations (500) or seconds (30s) between evaluations on the test split; 0: only at the end; if it "
+         "is not set, a few test views are also measured in between",
+         &S::eval_every}),
     used(kFreeOnResume,
          {"save_renders", "number of test views saved next to their ground truth at the end; -1: all",
           &S::save_renders, -1, 1'000'000}),

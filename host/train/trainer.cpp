@@ -205,6 +205,8 @@ void Trainer::learn_appearances() {
 void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
   double evaluated = progress_.seconds;
   if (guard_.wants_state()) guard_.keep(state(true));
+  std::optional<TestSample> sample;
+  if (samples_ && ranks_.size() == 1) sample.emplace(views_.test().views.size(), pace_.has_value());
   bool go_on = true;
   TrainingClock clock(time_, progress_.seconds);
   while (go_on && progress_.iteration < settings().iterations) {
@@ -239,8 +241,9 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
     if (now.evaluates) {
       report.test = evaluate_test();
       evaluated = progress_.seconds;
-      clock.go_on();
     }
+    if (sample && now.reads) measure_sample(*sample, report);
+    if (report.test || report.sample) clock.go_on();
     // Report the iteration before the state is saved. If the run is killed in between, it logs this iteration
     // again, and none is missing.
     std::uint64_t stops = on_step(report) ? 0 : 1;  // on any rank
@@ -270,6 +273,25 @@ Trainer::Due Trainer::due(double evaluated) const {
   const bool changes =
       schedule_.refines(iteration + 1) || (cameras_.refines() && schedule_.camera_sweep(iteration + 1));
   return {evaluates, saves, reads, guard_.due(iteration, reads || saves || changes)};
+}
+
+// Measures a sample of the test views if it is time to do so. If the step has evaluated all of them, the
+// sample is taken from these values.
+void Trainer::measure_sample(TestSample& sample, StepReport& report) {
+  if (report.test) {
+    if (sample.views().empty()) return;
+    SampledPsnr mean{0, sample.views().size()};
+    for (const std::uint32_t view : sample.views())
+      mean.psnr += report.test->views[view].psnr_channel_mean / static_cast<double>(mean.views);
+    report.sample = mean;
+    return;
+  }
+  // A step takes longer than rendering a view, so this is more than a test view takes.
+  const double factor = views_.factor(), views = static_cast<double>(views_.first_draw(report.iteration + 1));
+  if (!sample.is_due(report.share, report.seconds, report.seconds * factor * factor / views)) return;
+  stages_->pause();
+  report.sample = sample.measure([&](std::uint32_t view) { return passes_->test_psnr(view); },
+                                 [&] { return time_.seconds(); });
 }
 
 // Returns the mean loss of the iterations since the last report. This waits for the device.

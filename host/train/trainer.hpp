@@ -26,6 +26,7 @@
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
 #include "host/train/shared_view_passes.hpp"
+#include "host/train/test_sample.hpp"
 #include "host/train/time_budget.hpp"
 #include "host/train/timed_stages.hpp"
 #include "host/train/trained_cameras.hpp"
@@ -42,7 +43,8 @@ struct StepReport {
   std::uint32_t splats = 0;
   // Mean over the views since the last logged iteration; only on logged iterations.
   std::optional<double> loss;
-  std::optional<Metrics> test;  // only after an evaluation
+  std::optional<Metrics> test;        // only after an evaluation
+  std::optional<SampledPsnr> sample;  // only after a measurement of a few test views
 };
 
 // `save` is called with the state of the run every `iterations` iterations and every `seconds` seconds of
@@ -74,6 +76,9 @@ class Trainer {
   // members iterations, work_shares and growth_end of settings() then change during the run. Must be called
   // before the first iteration, or before run() continues a restored state. Only for one process.
   void keep_to(const TimeBudget& budget);
+  // Lets the run measure a few test views in between, if this takes little time (TestSample). The model does
+  // not depend on it. Must be called before run(); has no effect with several ranks.
+  void sample_test() { samples_ = true; }
   // Returns the settings of the run, in which automatic values are resolved.
   const TrainSettings& settings() const { return schedule_.settings(); }
   // Returns the settings with the background that has been learnt so far. Use them to render the model
@@ -150,6 +155,7 @@ class Trainer {
   void use_level_of(int iteration);
 
   Due due(double evaluated) const;
+  void measure_sample(TestSample& sample, StepReport& report);
   bool save_due() const;
   void save_state();
   std::optional<double> read_loss();
@@ -177,7 +183,7 @@ class Trainer {
   TrainProgress progress_;
   Guard guard_;
   std::optional<BudgetPace> pace_;  // only in a run with a time budget
-  bool whole_ = true;
+  bool whole_ = true, samples_ = false;
   StateSaving saving_;
   double saved_seconds_ = 0;
 };

@@ -68,12 +68,20 @@ Metrics ViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
                   views_.targets(), first_test(), more, fit);
 }
 
+Metrics ViewPasses::evaluate_one(const View& view, std::uint32_t target, Appearance fit) {
+  const std::vector<View> named{
+      {.name = view.name, .part_of = view.part_of}};  // without a copy of its pixels
+  return evaluate(device_, stages_, renderer_, splats_.view(), settings_, named, views_.targets(), target,
+                  nullptr, fit);
+}
+
 ViewMetrics ViewPasses::evaluate_train(std::uint32_t view, Appearance fit) {
-  const View& own = views_.train().views[view];
-  const std::vector<View> named{{.name = own.name, .part_of = own.part_of}};  // without a copy of its pixels
-  return evaluate(device_, stages_, renderer_, splats_.view(), settings_, named, views_.targets(), view,
-                  nullptr, fit)
-      .views[0];
+  return evaluate_one(views_.train().views[view], view, fit).views[0];
+}
+
+double ViewPasses::test_psnr(std::uint32_t view) {
+  return evaluate_one(views_.test().views[view], first_test() + view, Appearance::none)
+      .mean.psnr_channel_mean;
 }
 
 }  // namespace ubs

@@ -78,8 +78,12 @@ class ViewPasses {
   virtual Metrics evaluate_test(ImageMetrics* more, Appearance fit);
   // Measures a training view in the same way, at its present size. Only for one process.
   ViewMetrics evaluate_train(std::uint32_t view, Appearance fit);
+  // Returns ViewMetrics::psnr_channel_mean of one of the test views. Not for several ranks.
+  double test_psnr(std::uint32_t view);
 
  protected:
+  // Measures one view, whose image is that of the target.
+  Metrics evaluate_one(const View& view, std::uint32_t target, Appearance fit);
   std::uint32_t first_test() const { return static_cast<std::uint32_t>(views_.train().views.size()); }
 
   Device& device_;

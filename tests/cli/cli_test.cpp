@@ -273,7 +273,7 @@ TEST_CASE("cli: synth, train, eval, render, info, gradients work together") {
   CHECK(metrics["test"]["mean"]["psnr"].get<double>() > 16.5);
 
   const std::string log = get(folder / "run/log.csv");
-  CHECK(log.starts_with("iteration,seconds,loss,splats,test_psnr,test_ssim\n50,"));
+  CHECK(log.starts_with("iteration,seconds,loss,splats,test_psnr,test_ssim,sample_psnr,sample_views\n50,"));
   CHECK(std::count(log.begin(), log.end(), '\n') == 5);
 
   CHECK(file_count(folder / "run/renders") == 3);

@@ -40,7 +40,9 @@ TEST_CASE("run record: logs that are truncated, old or invalid", "[report]") {
                     {"loss", {0.25, nullptr}},
                     {"splats", {100.0, 120.0}},
                     {"test_psnr", {nullptr, 21.5}},
-                    {"test_ssim", {nullptr, 0.9}}});
+                    {"test_ssim", {nullptr, 0.9}},
+                    {"sample_psnr", {nullptr, nullptr}},
+                    {"sample_views", {nullptr, nullptr}}});
   REQUIRE(remarks.size() == 1);
   CHECK_THAT(remarks[0], Contains("log.csv: 1 rows"));
 

@@ -31,7 +31,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kLogHeader = "iteration,seconds,loss,splats,test_psnr,test_ssim";
+constexpr const char* kLogHeader =
+    "iteration,seconds,loss,splats,test_psnr,test_ssim,sample_psnr,sample_views";
 constexpr const char* kConfigHeader =
     "# Settings of this run. `ubs train --spec` with this file repeats the run.\n";
 
@@ -194,10 +195,11 @@ void RunFolder::start_log(std::string rows) {
 void RunFolder::log(const StepReport& report) {
   if (!writes_) return;
   const std::string row = fmt::format(
-      "{},{:.3f},{},{},{}\n", report.iteration, report.seconds,
+      "{},{:.3f},{},{},{},{}\n", report.iteration, report.seconds,
       report.loss ? fmt::format("{:.6g}", *report.loss) : "", report.splats,
       report.test ? fmt::format("{:.4f},{:.5f}", report.test->mean.psnr_channel_mean, report.test->mean.ssim)
-                  : ",");
+                  : ",",
+      report.sample ? fmt::format("{:.4f},{}", report.sample->psnr, report.sample->views) : ",");
   rows_ += row;
   if (log_ < 0) return;  // the file lacks rows: sync_log() writes all of them
   for (std::size_t done = 0; done < row.size();) {

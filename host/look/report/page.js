@@ -276,6 +276,7 @@
     const shown = [
       {column: 'loss', title: 'training loss', unit: 'loss', log: true},
       {column: 'test_psnr', title: 'PSNR of the test views', unit: 'dB', dots: true},
+      {column: 'sample_psnr', title: 'PSNR of a few of the test views', unit: 'dB', dots: true},
       {column: 'test_ssim', title: 'SSIM of the test views', unit: 'SSIM', dots: true},
       {column: 'splats', title: 'splats', unit: 'splats'},
     ].map(addCurve).filter((curve) => curve);

@@ -31,8 +31,8 @@ std::vector<std::string> fields_of(std::string line) {
   return fields;
 }
 
-constexpr std::array<const char*, 6> kColumns{"iteration", "seconds",   "loss",
-                                              "splats",    "test_psnr", "test_ssim"};
+constexpr std::array<const char*, 8> kColumns{"iteration", "seconds",   "loss",        "splats",
+                                              "test_psnr", "test_ssim", "sample_psnr", "sample_views"};
 using Row = std::array<Json, kColumns.size()>;  // null: nothing was recorded
 
 // Returns null for an empty field, and nothing for a field that is not a finite number.

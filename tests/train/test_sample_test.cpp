@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tests the measurements of a few test views during a training with a simulated clock: when they take place,
+// that they take little time, and that the model does not depend on them.
+#include "host/train/test_sample.hpp"
+
+#include <catch2/catch.hpp>
+
+#include "tests/pipeline/training_runs.hpp"
+#include "tests/support/device_fixture.hpp"
+#include "tests/support/simulated_time.hpp"
+
+namespace ubs {
+namespace {
+
+struct Measurements {
+  std::vector<double> shares;  // at which the sample was measured
+  double spent = 0;            // seconds
+  std::vector<std::uint32_t> views;
+};
+
+// Simulates a training that takes `seconds`, during which a test view takes `each` seconds.
+Measurements simulate_sample(std::size_t views, double seconds, double each, bool limited = false) {
+  TestSample sample(views, limited);
+  Measurements course;
+  for (int i = 0; i <= 100; ++i) {
+    const double share = i / 100.0;
+    if (!sample.is_due(share, share * seconds, each)) continue;
+    course.shares.push_back(share);
+    const SampledPsnr got = sample.measure(
+        [&](std::uint32_t view) {
+          course.spent += each;
+          return 20.0 + view;
+        },
+        [&] { return course.spent; });
+    CHECK(got.views == sample.views().size());
+    double mean = 0;
+    for (const std::uint32_t view : sample.views()) mean += (20.0 + view) / static_cast<double>(got.views);
+    CHECK(got.psnr == Approx(mean));
+  }
+  course.views = sample.views();
+  return course;
+}
+
+TEST_CASE("test sample: a few times, for at most 2 % of the time", "[time]") {
+  const std::vector<double> all{0.2, 0.4, 0.6, 0.8};
+  const Measurements cheap = simulate_sample(200, 60, 0.001);
+  CHECK(cheap.shares == all);
+  CHECK(cheap.views == std::vector<std::uint32_t>{0, 25, 50, 75, 100, 125, 150, 175});
+  CHECK(simulate_sample(3, 60, 0.001).views == std::vector<std::uint32_t>{0, 1, 2});
+  // 2 % of 12 s is 0.24 s. Half of it is enough for two views.
+  const Measurements dear = simulate_sample(200, 60, 0.05);
+  CHECK(dear.shares == all);
+  CHECK(dear.views == std::vector<std::uint32_t>{0, 100});
+  CHECK(simulate_sample(200, 60, 0.3).shares == std::vector<double>{0.4, 0.6, 0.8});  // one view
+  CHECK(simulate_sample(200, 60, 2).shares.empty());
+  CHECK(simulate_sample(0, 60, 0).shares.empty());
+  for (const double each : {0.001, 0.02, 0.05, 0.1, 0.3, 0.9})
+    CHECK(simulate_sample(200, 60, each).spent <= 1.2);
+  // A run with a time budget also ends at most 2 s later.
+  for (const double each : {0.02, 0.1, 0.3, 0.9}) CHECK(simulate_sample(200, 3600, each, true).spent <= 2);
+  CHECK(simulate_sample(200, 3600, 0.1, true).shares == all);
+  CHECK(simulate_sample(200, 3600, 0.1, false).views.size() == 8);
+  CHECK(simulate_sample(200, 3600, 0.1, true).views.size() == 2);
+}
+
+// A clock that advances by `step` with every call.
+class RestlessTime final : public TimeSource {
+ public:
+  double seconds() const override { return now_ += step; }
+  double step = 0;
+
+ private:
+  mutable double now_ = 1e6;
+};
+
+struct Sampled {
+  SplatModel model;
+  std::vector<int> iterations;
+  std::vector<SampledPsnr> samples;
+  Metrics test;
+};
+
+Sampled sampled_run(Device& device, const TrainSettings& settings, const test::Data& data, bool samples,
+                    double step) {
+  RestlessTime time;
+  time.step = step;
+  Trainer trainer(device, settings, data.train, data.test, test::start(settings), alone(), time);
+  if (samples) trainer.sample_test();
+  Sampled run;
+  trainer.run([&](const StepReport& report) {
+    if (report.test) run.test = *report.test;
+    if (report.sample) {
+      run.iterations.push_back(report.iteration);
+      run.samples.push_back(*report.sample);
+    }
+    return true;
+  });
+  run.model = trainer.model();
+  return run;
+}
+
+TEST_CASE("test sample: the model does not depend on it", "[time]") {
+  const test::Data data = test::synthetic("glossy", 16, 3);
+  TrainSettings settings = test::short_run(3, 60, 200);
+  settings.log_every = 4;
+  settings.pyramid = "2:0.5";
+  const auto device = devices_under_test()[0];
+  const Sampled without = sampled_run(*device, settings, data, false, 0);
+  CHECK(without.samples.empty());
+  // A clock that stands still: all views are measured after the first row of the log at each share.
+  const Sampled often = sampled_run(*device, settings, data, true, 0);
+  CHECK(often.iterations == std::vector<int>{12, 24, 36, 48, 60});
+  CHECK(often.samples.back().views == 4);
+  CHECK(often.samples.back().psnr == Approx(often.test.mean.psnr_channel_mean));
+  CHECK(often.samples.front().psnr < often.samples.back().psnr);
+  // A view takes as long as a step, which is too long.
+  const Sampled never = sampled_run(*device, settings, data, true, 1);
+  CHECK(never.samples.empty());
+  for (const Sampled* other : {&often, &never})
+    CHECK(test::same_bits(without.model.values, other->model.values));
+  // The values are those of an evaluation at the same iteration.
+  settings.eval_every = "12";
+  RestlessTime still;
+  Trainer trainer(*device, settings, data.train, data.test, test::start(settings), alone(), still);
+  std::vector<double> whole;
+  trainer.run([&](const StepReport& report) {
+    if (report.test) whole.push_back(report.test->mean.psnr_channel_mean);
+    return true;
+  });
+  REQUIRE(whole.size() == often.samples.size());
+  for (std::size_t i = 0; i < whole.size(); ++i) CHECK(often.samples[i].psnr == Approx(whole[i]));
+}
+
+}  // namespace
+}  // namespace ubs
