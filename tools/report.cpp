@@ -263,10 +263,14 @@ ReportViewer live_viewer(const ReportRun& run, const LoadedModel& loaded,
   if (cameras.empty()) return {};
   const web::PackedForWeb packed =
       web::pack_for_web(device, *run.model, loaded.comments, cameras, run.record.settings);
-  web::ViewerPage page{.title = run.record.name, .scene = scene_frame(*run.model, cameras)};
+  web::ViewerPage page{.title = run.record.name,
+                       .scene = scene_frame(*run.model, cameras),
+                       .start = start_camera(*run.model, cameras),
+                       .captured = true};
   for (std::size_t i = 0; i < cameras.size(); ++i)
     page.cameras.push_back({.name = fmt::format("camera {}", i), .camera = cameras[i]});
-  page.poster = web::poster_uri(web::draw_poster(device, *run.model, run.record.settings, cameras[0]));
+  page.poster =
+      web::poster_uri(web::draw_poster(device, *run.model, run.record.settings, cameras[page.start]));
   const std::string note = fmt::format(
       "<p class=\"note\">This is the model of {} in compressed form. PSNR against the original model: {:.1f} "
       "dB.</p>\n",

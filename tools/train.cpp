@@ -357,7 +357,7 @@ int run(const TrainOptions& options) {
     SplatModel model = initial;
     scale_lengths(model, settings.unit);
     live.emplace(*server, options.serve_share, *device, trainer, settings,
-                 served_scene(start.out, model, in_unit(train_split, 1 / settings.unit)));
+                 served_scene(start.out, model, in_unit(train_split, 1 / settings.unit), true));
   }
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
@@ -415,6 +415,12 @@ int run(const TrainOptions& options) {
   // In a job, all ranks must return the same code. So a signal that reached only one of them after the last
   // step does not change the code.
   const bool interrupted = ranks().size() > 1 ? outcome.interrupted : guard.interrupted();
+  // The results are complete, so a signal from here on only closes the page. A batch job ends at once.
+  if (live && !interrupted && options.talkative() && in_foreground() && live->has_viewer()) {
+    flush_out();
+    remark("ubs: the page shows the final model until it is closed, or until Ctrl-C\n");
+    live->stay([&] { return guard.interrupted(); });
+  }
   return interrupted ? kInterruptedExitCode : 0;
 }
 

@@ -62,7 +62,8 @@ int run(ViewOptions& options) {
   FrameHints hints = frame_hints(loaded);
   if (!options.up.empty()) hints.up = parse_vector("--up", options.up);
   const Split views = page_views(options, loaded, settings, run.opened, hints);
-  const serve::Scene scene = served_scene(options.model, loaded.model, views, hints);
+  const serve::Scene scene =
+      served_scene(options.model, loaded.model, views, are_captured(options, loaded), hints);
   ModelSession session(options.device, loaded.model, {.name = "view", .views = scene.cameras}, settings,
                        false);
   const EndOnRequest guard("");

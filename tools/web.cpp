@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "host/api/open_data.hpp"
 #include "host/api/proved_device.hpp"
@@ -29,18 +30,29 @@ struct WebOptions : ModelOptions {
   explicit WebOptions(CLI::App& app) : ModelOptions(app, drawing_keys()) { split = "train"; }
   std::string out, poster, title;
   double psnr = web::kPsnr;
-  int view = 0, levels = 1;
+  std::optional<int> view;
+  int levels = 1;
   bool exact = false, embed = false, json = false, quiet = false, overwrite = false;
 };
 
-web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
+// Returns the index of the view that the page starts with.
+std::size_t start_of(const WebOptions& options, const LoadedModel& loaded, const Split& split) {
+  if (!options.view) return are_captured(options, loaded) ? start_camera(loaded.model, cameras_of(split)) : 0;
+  if (*options.view < 0 || static_cast<std::size_t>(*options.view) >= split.views.size())
+    fail(ErrorKind::usage, "--view {}: choose a view from 0 to {}", *options.view, split.views.size() - 1);
+  return static_cast<std::size_t>(*options.view);
+}
+
+web::ViewerPage page_of(const WebOptions& options, const LoadedModel& loaded, const Split& split,
+                        std::size_t first) {
   const std::vector<Camera> cameras = cameras_of(split);
   web::ViewerPage page{.title = options.title,
-                       .scene = scene_frame(loaded.model, cameras, frame_hints(loaded))};
+                       .scene = scene_frame(loaded.model, cameras, frame_hints(loaded)),
+                       .captured = are_captured(options, loaded)};
   if (page.title.empty()) page.title = fs::path(options.model).stem().string();
   const std::size_t step = (split.views.size() + web::kMaxCameras - 1) / web::kMaxCameras;
   for (std::size_t i = 0; i < split.views.size(); ++i) {
-    const bool start = i == static_cast<std::size_t>(options.view);
+    const bool start = i == first;
     if (start) page.start = page.cameras.size();
     if (start || i % step == 0)
       page.cameras.push_back({.name = split.views[i].name, .camera = split.views[i].camera});
@@ -81,8 +93,7 @@ int run(WebOptions& options) {
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.model, run);
   if (!settings.background.harmonics.empty()) remark("ubs: the page shows the mean colour of the sky\n");
   const Split split = page_views(options, loaded, settings, run.opened, frame_hints(loaded));
-  if (options.view < 0 || static_cast<std::size_t>(options.view) >= split.views.size())
-    fail(ErrorKind::usage, "--view {}: choose a view from 0 to {}", options.view, split.views.size() - 1);
+  const std::size_t start = start_of(options, loaded, split);
   const auto note = [&](const std::string& text) {
     if (!options.quiet) remark("ubs: {} ...\n", text);
   };
@@ -111,10 +122,9 @@ int run(WebOptions& options) {
   if (container) {
     write_file_atomically(options.out, model);
   } else {
-    web::ViewerPage page = page_of(options, loaded, split);
+    web::ViewerPage page = page_of(options, loaded, split, start);
     for (const web::PackedForWeb::Level& level : packed.levels) page.parts.push_back(level.bytes);
-    page.poster =
-        poster_of(options, device, loaded.model, settings, cameras[static_cast<std::size_t>(options.view)]);
+    page.poster = poster_of(options, device, loaded.model, settings, cameras[start]);
     write_file_atomically(options.out, web::web_page(page, settings, model));
   }
   json["bytes"] = file_bytes(options.out);
@@ -162,7 +172,8 @@ Command add_web(CLI::App& root) {
       ->check(from_to(1, 8))
       ->excludes("--exact")
       ->type_name("K");
-  app->add_option("--view", options->view, "index of the camera that the page starts with [0]")
+  app->add_option("--view", options->view,
+                  "index of the camera that the page starts with [the first that shows the whole subject]")
       ->type_name("K");
   app->add_option("--poster", options->poster,
                   "also save the still image of that camera, which the page shows until its first frame")

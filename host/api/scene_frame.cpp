@@ -25,7 +25,11 @@ constexpr double kShown = 0.995, kMargin = 1.05;
 // Widest gap between neighbouring cameras around a scene that counts as seen from all sides [rad]. Four
 // cameras on a circle are 90 degrees apart.
 constexpr double kWidestGap = 1.75;
-constexpr double kLeastSideways = 0.1;         // minimum sideways share of a camera's distance
+constexpr double kLeastSideways = 0.1;  // minimum sideways share of a camera's distance
+// Radius of the subject that the first view should show, as a multiple of the cameras' median distance from
+// the point that they look at.
+constexpr double kSubject = 0.6;
+constexpr double kSameView = 0.02;             // smaller differences of the visible share do not matter
 constexpr int kAzimuths = 12;                  // number of directions from which the scene must fit
 constexpr std::size_t kEnoughSplats = 100000;  // more splats do not change the medians visibly
 
@@ -208,6 +212,28 @@ bool on_all_sides(const SceneFrame& frame, std::span<const Camera> cameras) {
   return widest <= kWidestGap;
 }
 
+bool is_visible(const Vec3& at, const Camera& c) {
+  const Vec3 d = at - c.centre();
+  const double depth = dot(d, camera_axis(c, 2));
+  if (!(depth > 0)) return false;
+  const double x = c.fx * dot(d, camera_axis(c, 0)) / depth + c.cx,
+               y = c.fy * dot(d, camera_axis(c, 1)) / depth + c.cy;
+  return x >= 0 && x <= c.width && y >= 0 && y <= c.height;
+}
+
+// Returns the splats that the first view of the cameras should show.
+std::vector<Splat> subject_of(const MixedModel& model, std::span<const Camera> cameras) {
+  std::vector<Splat> splats = weighted_splats(model);
+  const std::optional<Vec3> meeting = cameras.size() > 1 ? meeting_point(cameras) : std::nullopt;
+  if (!meeting) return splats;
+  const double radius =
+      kSubject * median(cameras, [&](const Camera& c) { return length(c.centre() - *meeting); });
+  std::vector<Splat> near;
+  for (const Splat& s : splats)
+    if (length(s.at - *meeting) <= radius) near.push_back(s);
+  return near.empty() ? splats : near;
+}
+
 void use_cameras(SceneFrame& frame, std::span<const Camera> cameras) {
   frame.distance = median(cameras, [&](const Camera& c) { return length(c.centre() - frame.centre); });
   frame.elevation = median(cameras, [&](const Camera& c) {
@@ -222,6 +248,21 @@ std::vector<Camera> noted_cameras(const MixedModel& model, std::vector<Camera> c
   const std::vector<double> extra = typical_extra(model);
   for (Camera& camera : cameras) camera.extra = extra;
   return cameras;
+}
+
+std::size_t start_camera(const MixedModel& model, std::span<const Camera> cameras) {
+  const std::vector<Splat> subject = subject_of(model, cameras);
+  double whole = 0;
+  for (const Splat& s : subject) whole += s.weight;
+  std::vector<double> visible;
+  for (const Camera& camera : cameras) {
+    double& sum = visible.emplace_back(0);
+    for (const Splat& s : subject)
+      if (is_visible(s.at, camera)) sum += s.weight;
+  }
+  const double enough = std::ranges::max(visible) - kSameView * whole;
+  return static_cast<std::size_t>(std::ranges::find_if(visible, [&](double sum) { return sum >= enough; }) -
+                                  visible.begin());
 }
 
 Pose orbit_start(const SceneFrame& frame) {

@@ -46,6 +46,12 @@ SceneFrame scene_frame(const MixedModel& model, std::span<const Camera> cameras,
 // values that are typical of the model's splats.
 std::vector<Camera> noted_cameras(const MixedModel& model, std::vector<Camera> cameras);
 
+// Returns the index of the camera that a viewer should start with: the first one that sees as much of the
+// subject as any other camera, or almost as much. The subject consists of the splats within a ball around the
+// point that the cameras look at, or of all splats if there is no such point. Splats are weighted by opacity.
+// `cameras` must not be empty.
+std::size_t start_camera(const MixedModel& model, std::span<const Camera> cameras);
+
 // Returns the pose at the start of an orbit, looking at the centre.
 Pose orbit_start(const SceneFrame& frame);
 

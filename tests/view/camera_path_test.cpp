@@ -227,6 +227,40 @@ TEST_CASE("scene frame: an orbit is only suitable for cameras on all sides") {
   CHECK_FALSE(seen_around(kTurn, 3));
 }
 
+// A figure with a height of 2, and a room around it with most of the splats.
+MixedModel figure_in_room() {
+  SplatModel model(3, 3000);
+  Random random(7);
+  for (std::size_t i = 0; i < model.count; ++i)
+    for (int k = 0; k < 3; ++k) {
+      const double t = random.uniform(-1, 1);
+      model.row(k)[i] = static_cast<float>(i % 3 == 0 ? (k == 2 ? t : 0.2 * t) : 8 * t);
+    }
+  return MixedModel(model);
+}
+
+TEST_CASE("start camera: the first that shows the whole subject") {
+  const double fov = 0.7;  // shows a height of 2.2 from a distance of 3
+  std::vector<Camera> cameras;
+  const auto add = [&](double azimuth, double distance, double height) {
+    const Vec3 at{distance * std::cos(azimuth), distance * std::sin(azimuth), height};
+    Pose pose = look_at(at, {0, 0, height}, {0, 0, 1});
+    pose.fov = fov;
+    cameras.push_back(camera_at(pose, {.width = 64, .height = 64, .extra = {}}));
+  };
+  add(0, 2.5, 0);  // cuts head and feet off
+  add(1.5, 3, 0.5);
+  add(3, 3.5, 0);
+  add(4.5, 3.6, 0);
+  CHECK(start_camera(figure_in_room(), cameras) == 2);
+  // The order decides among cameras that show as much.
+  std::swap(cameras[2], cameras[3]);
+  CHECK(start_camera(figure_in_room(), cameras) == 2);
+  // Without a point that the cameras look at, all splats count.
+  CHECK(start_camera(figure_in_room(), std::span(cameras).first(1)) == 0);
+  CHECK(start_camera(MixedModel(SplatModel(3, 0)), cameras) == 0);
+}
+
 // D-NeRF's cameras are distributed randomly over a hemisphere, and the mean of their up axes is tilted by 24
 // degrees.
 TEST_CASE("scene frame: unevenly distributed cameras do not tilt it") {

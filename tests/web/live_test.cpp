@@ -8,6 +8,7 @@
 #include "host/base/error.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/device_fixture.hpp"
+#include "tests/support/simulated_time.hpp"
 #include "tests/web/http_client.hpp"
 
 namespace ubs::serve {
@@ -46,6 +47,43 @@ TEST_CASE("live: a pending request is not rendered while the training stops, but
   const Answer got = answer.get();
   CHECK(got.status == 200);
   CHECK(got.head.find("\r\nUbs-Iteration: 20\r\n") != std::string::npos);
+}
+
+TEST_CASE("live: the page shows the final model as long as a viewer sends requests") {
+  const auto device = devices_under_test().at(0);
+  const test::Data data = test::synthetic("glossy", 16, 3);
+  const TrainSettings settings = test::short_run(3, 20, 100);
+  Trainer trainer(*device, settings, data.train, test::kNone, test::start(settings));
+  Server server({"127.0.0.1", 0});
+  test::SimulatedTime time;
+  LiveTraining live(server, 5, *device, trainer, settings,
+                    {.title = "test", .frame = {}, .cameras = data.train.views}, time);
+  trainer.run([&](const StepReport& report) {
+    live.step(report, report.iteration < 20);
+    return true;
+  });
+  CHECK_FALSE(live.has_viewer());
+  CHECK(answer_of(server, get("/state")).body.find("\"ended\":false") != std::string::npos);
+  CHECK(live.has_viewer());
+  time.advance(3);  // so that end() does not wait for requests
+  live.end();
+  CHECK(answer_of(server, get("/state")).body.find("\"ended\":true") != std::string::npos);
+  live.stay([] { return true; });  // returns at once
+
+  auto answer =
+      std::async(std::launch::async, [&] { return answer_of(server, post(request_json().dump())); });
+  int left = -1;  // calls after the answer
+  live.stay([&] {
+    if (left < 0 && answer.wait_for(0s) != std::future_status::ready) return false;
+    if (++left > 0) time.advance(40);
+    return false;
+  });
+  CHECK(left == 3);  // after 120 s without a request
+  CHECK_FALSE(live.has_viewer());
+  const Answer got = answer.get();
+  CHECK(got.status == 200);
+  // The time of the image, without a pause after it: the simulated clock stands still while it is rendered.
+  CHECK(got.head.find("\r\nUbs-Seconds: 0.000000\r\n") != std::string::npos);
 }
 
 }  // namespace

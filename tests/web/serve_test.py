@@ -6,6 +6,7 @@ The client implements HTTP itself, so that it can also send invalid requests. `f
 
 import contextlib
 import csv
+import fcntl
 import hashlib
 import json
 import os
@@ -16,6 +17,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import termios
 import threading
 import time
 from pathlib import Path
@@ -57,7 +59,7 @@ def sha(folder, name):
 class Served:
     """A command that serves its page on a free port and prints its address to stderr."""
 
-    def __init__(self, folder, *arguments, desktop=None):
+    def __init__(self, folder, *arguments, desktop=None, terminal=None):
         self.errors = folder / "stderr.txt"
         port = "--port" if arguments[0] == "view" else "--serve"
         # Without a desktop, `ubs view` does not open a browser.
@@ -67,6 +69,9 @@ class Served:
             stdout=subprocess.DEVNULL,
             stderr=self.errors.open("w"),
             env={**environment, **(desktop or {})},
+            stdin=subprocess.DEVNULL if terminal is None else terminal,
+            start_new_session=terminal is not None,
+            preexec_fn=terminal and (lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)),
         )
         found, deadline = None, time.time() + 600
         while not found:
@@ -196,6 +201,28 @@ def training(folder):
         served.connect(1)
         raise AssertionError("the port is still open")
     return f"{len(seen)} pictures"
+
+
+# In the foreground of a terminal, the page works after the end of the training, until Ctrl-C.
+def terminal(folder):
+    synthesise(folder)
+    ours, theirs = os.openpty()
+    with Served(folder, *train(folder, "run", 600), "--serve-share", 50, terminal=theirs) as served:
+        camera = lens(served.page_options()["cameras"][0])
+        until(lambda: served.state()["ended"])
+        until(lambda: "final model until" in served.errors.read_text())
+        assert (folder / "run" / "metrics.json").exists() and not (folder / "run" / "checkpoint.ubs").exists()
+        for _ in range(3):
+            status, headers, picture = served.picture(camera, exact=True)
+            assert status == 200 and headers["ubs-iteration"] == "600", (status, headers)
+        (folder / "last.png").write_bytes(picture)
+        os.write(ours, b"\x03")
+        served.end(0)
+    os.close(ours)
+    os.close(theirs)
+    (folder / "saved.png").write_bytes(rendered(folder, "pictures", folder / "run"))
+    mean = json.loads(ubs("metrics", folder / "saved.png", folder / "last.png", "--json"))["mean"]
+    assert mean["ssim"] > 1 - 1e-5, mean
 
 
 def unit(folder):
@@ -534,6 +561,12 @@ def pages(folder):
             look(page, "the wheel", lambda: page.mouse("mouseWheel", 200, 80, deltaX=0, deltaY=-240))
             look(page, "an arrow", lambda: (page.run("L.canvas.focus()"), page.key("ArrowLeft")))
             look(page, "another camera", lambda: page.run("L.jump(2)"))
+            unseen = "L.find('.stage').classList.contains('unseen')"
+            assert not page.run(unseen)
+            page.run("L.camera.orbit(0, -3), L.camera.zoom(3), L.change()")
+            assert page.run(unseen), "the page does not mark what no camera saw"
+            page.run("L.jump(2)")
+            assert not page.run(unseen)
             # Without visible size, as in a hidden frame, the page sends no requests.
             page.run("L.find('.stage').style.display = 'none', L.change()")
             wait(page, "L.asked === L.shown && !L.waiting && !L.dirty", "no answer")
@@ -607,6 +640,7 @@ def look(page, what, act):
 
 TESTS = {
     "training": training,
+    "terminal": terminal,
     "unit": unit,
     "figures": figures,
     "interrupt": interrupt,

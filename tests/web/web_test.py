@@ -560,6 +560,40 @@ def interaction(page, folder):
 
 
 # If a byte of the container is changed or it is truncated, the page reports this.
+# A page marks views that differ too much from those of all cameras, but not near one of them.
+def unseen(page, folder):
+    model, html = folder / "model.ply", folder / "model.html"
+    write_model(model, (6,))
+    ubs("web", model, "--out", html, "--exact", "--quiet")
+    page.open(html)
+    wait(page)
+    assert page.run("V.panel.element.open") is False, "the panel covers a part of the image"
+    around = [camera((3 * math.cos(a), 3 * math.sin(a), 0), (0, 0, 0), 0) for a in np.radians(range(0, 181, 30))]
+    page.run(f"V.options.cameras = {json.dumps(around)}, V.options.scene.centre = [0, 0, 0], 0")
+
+    def marked(act):
+        return page.run(f"V.jump(3), {act}, V.change(), V.stage.classList.contains('unseen')")
+
+    near = ["0", *(f"V.jump({k})" for k in range(7)), "V.camera.orbit(1, 0)", "V.camera.orbit(-2.5, 0)"]
+    near += ["V.camera.orbit(0, 1)", "V.camera.zoom(0.2)", "V.camera.zoom(1.9)"]
+    for act in near:
+        assert not marked(act), act
+    far = ["V.camera.orbit(3.1, 0)", "V.camera.orbit(0, 1.1)", "V.camera.orbit(0, -1.1)", "V.camera.zoom(2.1)"]
+    far += ["V.camera.pan(500, 0, 100, 100)", "V.camera.turnAxes(V.camera.axes[1], 3)"]
+    for act in far:
+        assert marked(act), act
+    assert "No camera saw" in page.run("getComputedStyle(V.stage, '::after').content")
+    quiet(page)
+    # The cameras of a model that lists none are placed around it by ubs, and nothing is marked.
+    lines = model.read_bytes().split(b"\n")
+    model.write_bytes(b"\n".join(line for line in lines if not line.startswith(b"comment ubs_camera")))
+    ubs("web", model, "--out", html, "--exact", "--quiet", "--overwrite")
+    page.open(html)
+    wait(page)
+    assert not marked("V.camera.zoom(100)")
+    quiet(page)
+
+
 def damage(page, folder):
     model, html = folder / "model.ply", folder / "model.html"
     write_model(model, (6,))
@@ -786,6 +820,7 @@ TESTS = {
     "channels": channels,
     "poster": poster,
     "levels": levels,
+    "unseen": unseen,
     "report": report,
     "interaction": interaction,
     "damage": damage,

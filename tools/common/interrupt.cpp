@@ -75,4 +75,6 @@ InterruptGuard::~InterruptGuard() { restore(previous_); }
 
 bool InterruptGuard::interrupted() const { return received != 0; }
 
+bool in_foreground() { return ::tcgetpgrp(STDIN_FILENO) == ::getpgrp(); }
+
 }  // namespace ubs::tools

@@ -35,6 +35,10 @@ class EndOnRequest {
   std::array<struct sigaction, 3> previous_ = {};
 };
 
+// Returns whether this process is in the foreground of a terminal, so that someone can end it with Ctrl-C. It
+// is not if it runs in a batch job, in the background, or with an input that is not the terminal.
+bool in_foreground();
+
 inline constexpr int kInterruptedExitCode = 130;
 
 }  // namespace ubs::tools

@@ -39,14 +39,20 @@ Split page_views(const ModelOptions& options, const LoadedModel& loaded, const T
   return split;
 }
 
-serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views,
+bool are_captured(const ModelOptions& options, const LoadedModel& loaded) {
+  return !options.data.empty() || !loaded.notes.cameras.empty();
+}
+
+serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views, bool captured,
                           const FrameHints& hints) {
   serve::Scene scene{.title = std::filesystem::path(path).filename().string(),
                      .frame = scene_frame(model, cameras_of(views), hints),
+                     .captured = captured,
                      .has_time = model.has_time()};
   const std::size_t step = (views.views.size() + serve::kMaxCameras - 1) / serve::kMaxCameras;
   for (std::size_t i = 0; i < views.views.size(); i += step)
     scene.cameras.push_back({.name = views.views[i].name, .camera = views.views[i].camera});
+  if (captured) scene.start = start_camera(model, cameras_of({.name = {}, .views = scene.cameras}));
   return scene;
 }
 

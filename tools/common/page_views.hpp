@@ -18,9 +18,12 @@ namespace ubs::tools {
 Split page_views(const ModelOptions& options, const LoadedModel& loaded, const TrainSettings& settings,
                  const std::optional<OpenedData>& opened, const FrameHints& hints);
 
+// Returns whether the views of page_views() are those of the data or of the model.
+bool are_captured(const ModelOptions& options, const LoadedModel& loaded);
+
 // Returns the initial state of the server's page. The title is made from `path`, the path of the model or
-// run.
-serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views,
+// run. `captured`: the cameras of the views took the photographs of the scene.
+serve::Scene served_scene(const std::string& path, const MixedModel& model, const Split& views, bool captured,
                           const FrameHints& hints = {});
 
 }  // namespace ubs::tools

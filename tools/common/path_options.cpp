@@ -8,6 +8,7 @@
 
 #include "host/api/keyframes.hpp"
 #include "host/base/error.hpp"
+#include "tools/common/job.hpp"
 #include "tools/common/number_check.hpp"
 #include "tools/common/output.hpp"
 
@@ -163,8 +164,11 @@ std::unique_ptr<CameraPath> PathOptions::path(const LoadedModel& model, std::spa
   if (!std::isfinite(loops_) || loops_ == 0) fail(ErrorKind::usage, "--loops {}: must not be 0", loops_);
   const bool suitable = path_ == kSuitable;
   const bool turns = std::ranges::any_of(turning_, [](const CLI::Option* o) { return o->count() > 0; });
-  if (path_ == "orbit" || (suitable && (turns || frame.around || cameras.empty())))
+  if (path_ == "orbit" || (suitable && (turns || frame.around || cameras.empty()))) {
+    if (!cameras.empty() && !frame.around && ranks().first())
+      remark("ubs: the orbit shows sides that no camera saw; --path train follows the cameras\n");
     return orbit_path(frame, fov, loops_);
+  }
   if (path_ == "spiral") return spiral_path(frame, fov, loops_);
   if (path_ == "train" || suitable) {
     if (cameras.empty())

@@ -24,7 +24,7 @@ constexpr std::size_t kMaxPoints = 400;  // maximum number of points of a curve
 constexpr std::uint64_t kIntersections = 4 << 20;
 // No limit. This is used for a view of the training data, because training needs the same memory.
 constexpr auto kUnlimited = std::numeric_limits<std::uint64_t>::max();
-constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1;  // seconds
+constexpr double kLastPictures = 2, kWatched = 10, kFresh = 1, kAway = 90;  // seconds
 constexpr std::chrono::milliseconds kWait{1000};
 
 // Returns the remaining time that the run reports, or an estimate from the iterations so far.
@@ -54,6 +54,16 @@ struct LiveTraining::Implementation {
   Stopwatch begun{time}, published{time}, last_picture{time};
   double spent = 0;  // seconds
   std::size_t pictures = 0;
+  std::uint64_t requests = 0;  // that were noted by look_for_viewers()
+  Stopwatch last_request{time};
+  std::size_t sample_views = 0;  // that `tests` is the mean of; 0: all test views
+  bool ended = false;
+
+  void look_for_viewers() {
+    if (server.requests() == requests) return;
+    requests = server.requests();
+    last_request.restart();
+  }
 
   std::string draw(Camera camera, bool exact, std::uint64_t most) {
     scale_lengths(camera, 1 / unit);
@@ -72,7 +82,8 @@ struct LiveTraining::Implementation {
       return {.bytes = std::move(bytes),
               .headers = {{"Ubs-Iteration", std::to_string(report.iteration)},
                           {"Ubs-Splats", std::to_string(report.splats)},
-                          {"Ubs-Seconds", fmt::format("{:.6f}", pause.period(watch.seconds()))}}};
+                          {"Ubs-Seconds",
+                           fmt::format("{:.6f}", ended ? watch.seconds() : pause.period(watch.seconds()))}}};
     });
     if (!served) return false;
     spent += watch.seconds();
@@ -99,12 +110,20 @@ struct LiveTraining::Implementation {
 
   void publish() {
     published.restart();
-    Json state{{"iteration", report.iteration}, {"iterations", report.iterations},
-               {"seconds", report.seconds},     {"left", seconds_left(report)},
-               {"splats", report.splats},       {"memory", device.allocated_bytes()},
-               {"peak", device.peak_bytes()},   {"share", share},
-               {"pictures", pictures},          {"spent", spent},
-               {"loss", points_json(losses)},   {"test", points_json(tests)}};
+    Json state{{"iteration", report.iteration},
+               {"iterations", report.iterations},
+               {"seconds", report.seconds},
+               {"left", seconds_left(report)},
+               {"splats", report.splats},
+               {"memory", device.allocated_bytes()},
+               {"peak", device.peak_bytes()},
+               {"share", share},
+               {"pictures", pictures},
+               {"spent", spent},
+               {"loss", points_json(losses)},
+               {"test", points_json(tests)},
+               {"ended", ended},
+               {"sample_views", sample_views}};
     server.publish(json_text(state));
   }
 };
@@ -134,19 +153,35 @@ LiveTraining::~LiveTraining() = default;
 void LiveTraining::step(const StepReport& report, bool continues) {
   Implementation& own = *own_;
   own.report = report;
+  own.look_for_viewers();
   if (report.loss) Implementation::add(own.losses, report.iteration, *report.loss);
-  if (report.test) Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
+  if (report.sample) {
+    own.sample_views = report.sample->views;
+    Implementation::add(own.tests, report.iteration, report.sample->psnr);
+  } else if (report.test && own.sample_views == 0) {
+    Implementation::add(own.tests, report.iteration, report.test->mean.psnr_channel_mean);
+  }
   if (report.loss || report.test || own.published.seconds() > kFresh) own.publish();
   if (continues && own.pause.over()) own.serve();
 }
 
 void LiveTraining::end() {
   Implementation& own = *own_;
+  own.ended = true;
   own.publish();
   const bool watched = own.pictures > 0 && own.last_picture.seconds() < kWatched;
   const Stopwatch watch(own.time);
   for (double left; (left = kLastPictures - watch.seconds()) > 0;)
     if (!own.serve(std::chrono::milliseconds(watched ? static_cast<int>(1000 * left) : 0))) return;
+}
+
+bool LiveTraining::has_viewer() const {
+  own_->look_for_viewers();
+  return own_->requests > 0 && own_->last_request.seconds() < kAway;
+}
+
+void LiveTraining::stay(const std::function<bool()>& ends) {
+  while (!ends() && has_viewer()) own_->serve(kWait);
 }
 
 std::string LiveTraining::summary() const {

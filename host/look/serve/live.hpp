@@ -3,6 +3,7 @@
 // cpp-httplib, the constructor of Server throws Error(usage).
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -24,6 +25,8 @@ struct Scene {
   std::string title;
   SceneFrame frame;
   std::vector<View> cameras;  // selectable cameras, at least one; images are not used
+  std::size_t start = 0;      // index of the initial camera
+  bool captured = false;      // see web::ViewerPage
   bool has_time = false;
 };
 
@@ -45,6 +48,12 @@ class LiveTraining {
   // Renders images of the final state for at most two seconds; an image in progress is finished. Waits for
   // requests only if images were rendered in the last ten seconds. Call it after saving the model.
   void end();
+  // Returns whether a browser that shows the page has sent a request in the last 90 seconds. Browsers send
+  // them at least once per minute, also for a page that is hidden.
+  bool has_viewer() const;
+  // Renders images of the final state until `ends` returns true, which is checked every second, or
+  // has_viewer() becomes false. Call it after end().
+  void stay(const std::function<bool()>& ends);
   std::string summary() const;
 
  private:

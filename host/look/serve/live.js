@@ -16,12 +16,14 @@ const duration = (s) => s < 60 ? `${s.toFixed(0)} s` :
 
 class Live {
   constructor(root, options) {
-    Object.assign(this, {root, options, asked: 0, shown: 0, frames: 0, pixelSeconds: 0, changed: 0, at: 0});
+    Object.assign(this, {root, options, asked: 0, shown: 0, frames: 0, pixelSeconds: 0, changed: 0});
+    this.at = options.start;
     this.find = (selector) => root.querySelector(selector);
     this.canvas = this.find('canvas');
-    this.camera = new ViewCamera(options.scene, options.cameras[0]);
+    this.camera = new ViewCamera(options.scene, options.cameras[this.at]);
     const cameras = this.find('select');
     cameras.append(...options.cameras.map((c) => new Option(c.name)));
+    cameras.selectedIndex = this.at;
     cameras.onchange = () => this.jump(cameras.selectedIndex);
     const time = this.find('input[type=range]');
     time.parentNode.hidden = !options.timed;
@@ -56,6 +58,7 @@ class Live {
   // ---- Images ----
   change() {
     this.changed = performance.now();
+    markUnseen(this.find('.stage'), this.camera, this.options);
     this.dirty = true;
     // An image at rest may take long, so cancel it: the newer camera replaces it.
     if (this.waiting && this.resting) this.waiting.abort();
@@ -85,7 +88,7 @@ class Live {
     this.waiting = new AbortController();
     ++this.asked;
     // Images of a training become outdated.
-    let again = this.options.training;
+    let again = this.options.training && !this.ended;
     try {
       await this.draw(await this.request(...size));
     } catch (error) {
@@ -113,7 +116,7 @@ class Live {
     const answer = await this.fetch('picture', post);
     if (answer.ok) return answer;
     this.closed = answer.status === 410;
-    const why = this.closed ? 'The program has ended; this is the last image.' : await answer.text();
+    const why = this.closed ? this.farewell('has ended') : await answer.text();
     throw Object.assign(new Error(why), {again: answer.status === 503});
   }
 
@@ -140,9 +143,14 @@ class Live {
     } catch (error) {
       if (error.name === 'AbortError') throw error;
       this.lost = true;
-      const why = 'No connection: the program has ended or cannot be reached. This is the last image.';
+      const why = this.farewell('has ended or cannot be reached');
       throw Object.assign(new Error(why), {again: true});
     }
+  }
+
+  farewell(what) {
+    return `The program ${what}; this is the last image.` +
+        (this.options.training ? ' The command "ubs view" shows the saved model.' : '');
   }
 
   save() {
@@ -176,12 +184,18 @@ class Live {
       this.find('.facts').textContent = memory;
       return;
     }
+    if (state.ended && !this.ended) {
+      this.ended = true;
+      this.change();  // to an image of the final model
+    }
     const last = (points) => points[points.length - 1]?.[1];
     const loss = last(state.loss), test = last(state.test);
     this.find('.facts').textContent =
-        `iteration ${state.iteration} of ${state.iterations}, ${duration(state.seconds)}, ` +
-        `${duration(state.left)} left; ${memory}` + (loss === undefined ? '' : `; loss ${loss.toFixed(4)}`) +
-        (test === undefined ? '' : `; test ${test.toFixed(2)} dB`);
+        (state.ended ? `finished: ${state.iteration} iterations in ${duration(state.seconds)}; ` :
+                       `iteration ${state.iteration} of ${state.iterations}, ${duration(state.seconds)}, ` +
+                     `${duration(state.left)} left; `) +
+        memory + (loss === undefined ? '' : `; loss ${loss.toFixed(4)}`) +
+        (test === undefined ? '' : `; ${state.sample_views || 'all'} test views ${test.toFixed(2)} dB`);
     this.curve('.loss', state.loss.map(([i, v]) => [i, Math.log(Math.max(v, 1e-9))]), state.iterations);
     this.curve('.test', state.test, state.iterations);
   }

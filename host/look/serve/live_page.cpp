@@ -7,7 +7,7 @@ namespace ubs::serve {
 namespace {
 
 std::string page_options(const Scene& scene, bool training) {
-  Json options = web::page_scene(scene.frame, scene.cameras);
+  Json options = web::page_scene(scene.frame, scene.cameras, scene.start, scene.captured);
   options.update({{"training", training}, {"timed", scene.has_time}});
   return script_json(options);
 }

@@ -108,6 +108,7 @@ struct Server::Implementation {
   std::string url;
   int listener = -1;
   std::unique_ptr<Http> http;
+  std::atomic<std::uint64_t> requests = 0;
 
   std::mutex mutex;  // protects the members from here to `pending`
   std::condition_variable changed;
@@ -226,7 +227,10 @@ struct Server::Implementation {
   }
 
   void converse(Connection& connection) noexcept {
-    http->answer(connection.socket, [&] { connection.admitted = true; });
+    http->answer(connection.socket, [&] {
+      connection.admitted = true;
+      ++requests;
+    });
     ::shutdown(connection.socket, SHUT_RDWR);
     const std::lock_guard lock(mutex);
     connection.done = true;
@@ -274,6 +278,8 @@ Server::Server(const Address& address) : own_(std::make_unique<Implementation>()
 Server::~Server() { own_->close(); }
 
 const std::string& Server::url() const { return own_->url; }
+
+std::uint64_t Server::requests() const { return own_->requests; }
 
 void Server::start(std::string page) {
   Implementation& own = *own_;

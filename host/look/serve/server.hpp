@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -43,6 +44,8 @@ class Server {
 
   // Returns the address for browsers. It contains the token if other machines can connect.
   const std::string& url() const;
+  // Returns how many allowed requests have arrived.
+  std::uint64_t requests() const;
   void start(std::string page);     // starts to answer requests
   void publish(std::string state);  // JSON, for /state
 

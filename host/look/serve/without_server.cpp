@@ -15,6 +15,7 @@ const std::string& Server::url() const {
   static const std::string none;
   return none;
 }
+std::uint64_t Server::requests() const { return 0; }
 
 struct LiveTraining::Implementation {};
 LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettings&, const Scene&,
@@ -22,6 +23,8 @@ LiveTraining::LiveTraining(Server&, double, Device&, Trainer&, const TrainSettin
 LiveTraining::~LiveTraining() = default;
 void LiveTraining::step(const StepReport&, bool) {}
 void LiveTraining::end() {}
+bool LiveTraining::has_viewer() const { return false; }
+void LiveTraining::stay(const std::function<bool()>&) {}
 std::string LiveTraining::summary() const { return {}; }
 
 void serve_model(Server&, ModelSession&, const MixedModel&, const Scene&) {}

@@ -90,6 +90,18 @@ class ViewCamera {
     });
   }
 
+  // Returns whether one of the cameras saw this view: the target is in its image, from a direction that
+  // differs by at most 60 degrees, and at most twice as far from this camera as from that one.
+  isSeenBy(cameras) {
+    return cameras.some((c) => {
+      const way = add(this.target, c.centre, -1), far = Math.hypot(...way);
+      const [x, y, depth] = [0, 3, 6].map((r) => dot(way, c.rotation.slice(r, r + 3)));
+      const column = c.fx * x / depth + c.cx, row = c.fy * y / depth + c.cy;
+      return depth > 0 && column >= 0 && column <= c.width && row >= 0 && row <= c.height &&
+          dot(way, this.axes[2]) >= 0.5 * far && this.distance <= 2 * far;
+    });
+  }
+
   text() {
     const numbers =
         [...this.centre, ...this.axes.flat(), this.distance, this.lens.fx / this.lens.width, this.time];
@@ -108,4 +120,9 @@ class ViewCamera {
     this.lens.fy *= zoom;
     return true;
   }
+}
+
+// Marks the stage while the camera shows what no camera of the capture saw. The style writes it at the edge.
+function markUnseen(stage, camera, {captured, cameras}) {
+  stage.classList.toggle('unseen', captured && !camera.isSeenBy(cameras));
 }

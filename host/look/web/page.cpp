@@ -11,14 +11,13 @@ namespace ubs::web {
 namespace {
 
 std::string options_text(const ViewerPage& page, const TrainSettings& drawn, bool section) {
-  Json options = page_scene(page.scene, page.cameras);
+  Json options = page_scene(page.scene, page.cameras, page.start, page.captured);
   options.update({{"title", page.title},
                   {"background", drawn.background.colour},
                   {"near", planes_of(drawn).near},
                   {"far", planes_of(drawn).far},
                   {"eps2d", drawn.eps2d},
                   {"alphaMin", drawn.alpha_min},
-                  {"start", page.start},
                   {"page", !section && !page.embed},
                   {"embed", page.embed},
                   {"poster", page.poster}});
@@ -46,7 +45,7 @@ std::string element_markup(const ViewerPage& page, const TrainSettings& drawn, b
 
 }  // namespace
 
-Json page_scene(const SceneFrame& frame, std::span<const View> cameras) {
+Json page_scene(const SceneFrame& frame, std::span<const View> cameras, std::size_t start, bool captured) {
   Json list = Json::array();
   for (const View& view : cameras) {
     Json& json = list.emplace_back(camera_json(view.camera));
@@ -54,7 +53,9 @@ Json page_scene(const SceneFrame& frame, std::span<const View> cameras) {
     json["centre"] = view.camera.centre();
   }
   return {{"scene", {{"centre", frame.centre}, {"up", frame.up}, {"distance", frame.distance}}},
-          {"cameras", list}};
+          {"cameras", list},
+          {"start", start},
+          {"captured", captured}};
 }
 
 std::string viewer_markup(const ViewerPage& page, const TrainSettings& drawn,

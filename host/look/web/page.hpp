@@ -24,6 +24,9 @@ struct ViewerPage {
   SceneFrame scene;
   std::vector<View> cameras;  // selectable cameras, at least one; images are not used
   std::size_t start = 0;      // index of the initial camera
+  // The scene was captured by these cameras, so the page marks what none of them saw. If it is false, the
+  // cameras were placed around a model whose cameras are unknown.
+  bool captured = false;
   // For a frame in another page: controls are folded, and the wheel only zooms after a click.
   bool embed = false;
   // End of each part of the model data; the parts are shown one after the other. Empty: one part.
@@ -32,8 +35,8 @@ struct ViewerPage {
   std::string poster;
 };
 
-// Returns the data that every page of a scene needs: its frame, and the selectable cameras.
-Json page_scene(const SceneFrame& frame, std::span<const View> cameras);
+// Returns the data that every page of a scene needs: its frame, and the selectable cameras. See ViewerPage.
+Json page_scene(const SceneFrame& frame, std::span<const View> cameras, std::size_t start, bool captured);
 
 PageCode viewer_style();
 PageCode viewer_script();

@@ -20,7 +20,9 @@ class Panel {
         [this.views(options), ...(this.timed ? [this.times()] : []), this.buttons(), ...this.more(model)];
     this.facts = element('p', {class: 'facts'});
     this.said = element('p', {class: 'said', role: 'status'});
-    const body = element('details', {class: 'panel', open: !options.embed && innerWidth > 700},
+    // In a page of its own, the open panel would cover a part of the picture.
+    const open = !options.embed && !options.page && innerWidth > 700;
+    const body = element('details', {class: 'panel', open},
         element('summary', {}, 'Controls'), ...parts, element('p', {class: 'keys', id: 'ubs-keys'}, KEYS),
         this.facts, this.said);
     this.element = body;

@@ -120,6 +120,7 @@ class Viewer {
 
   // Called after a change that requires a new frame from the worker.
   change() {
+    markUnseen(this.stage, this.camera, this.options);
     this.dirty = true;
     if (!this.busy && this.model) this.request();
   }
