@@ -140,7 +140,8 @@ class Child:
     def stop(self, *_):
         self.stopped = True
         if self.process:
-            self.process.send_signal(signal.SIGINT)
+            # After SIGINT, a run with a time budget would first complete its schedule.
+            self.process.send_signal(signal.SIGTERM)
 
     def run(self, command, log):
         """Runs a command with its output in `log`; returns the exit code and the output. The command runs in a separate
@@ -361,7 +362,8 @@ def load(run):
     metrics, evaluation, record = (read_json(run.folder / name) for name in ("metrics.json", "eval.json", "job.json"))
     last, test, model = metrics.get("iterations"), metrics.get("test") or {}, run.folder / "model.ply"
     if (record.get("identity") != run.identity or (run.folder / "checkpoint.ubs").exists()
-            or metrics.get("interrupted", True) or last != metrics["settings"]["iterations"]
+            or metrics.get("interrupted", True) or metrics.get("ended_early")
+            or last != metrics["settings"]["iterations"]
             or test.get("iteration", last) != last):  # measured before the last iteration
         return
     mean = {"lpips_vgg_unit": evaluation.get("mean", {}).get("lpips_vgg_unit"), **test.get("mean", {})}

@@ -75,7 +75,7 @@ case $(cat "$data/behaviour") in
   fail) echo "ubs: error: boom" >&2; exit 6 ;;
   crash) kill -SEGV $$ ;;
   wait)
-    trap 'exit 130' INT
+    trap 'exit 130' TERM
     echo state > "$out/checkpoint.ubs"
     while [ -e "$out/checkpoint.ubs" ]; do sleep 0.05; done ;;
 esac
