@@ -65,17 +65,32 @@ void take_pace(const Trainer& trainer, TrainSettings& settings) {
   settings.growth_end = trainer.settings().growth_end;
 }
 
+// After the first Ctrl-C in a run with a time budget: lets the run do the last part of its schedule and end.
+void complete_early(Trainer& trainer, const StepReport& report, Progress& progress) {
+  const double seconds = cooldown_seconds(report.seconds, report.seconds_left);
+  trainer.complete_in(seconds);
+  progress.finish();
+  remark("ubs: Ctrl-C: completing the schedule with a cool-down of about {}; ", duration_text(seconds));
+  remark("press Ctrl-C again to end at once and keep a checkpoint\n");
+}
+
 Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const InterruptGuard& guard,
               serve::LiveTraining* live) {
   Outcome outcome;
+  bool completes = false;
   trainer.run([&](const StepReport& report) {
     if (report.loss) {
       folder.log(report);
       progress.update(report);
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
-    if (live) live->step(report, !guard.interrupted() && report.iteration < report.iterations);
-    outcome.interrupted = guard.interrupted() && report.iteration < report.iterations;
+    const bool last = report.iteration == report.iterations;
+    outcome.interrupted = guard.must_end() && !last;
+    if (live) live->step(report, !outcome.interrupted && !last);
+    if (guard.interrupted() && !outcome.interrupted && !last && !completes) {
+      completes = true;
+      complete_early(trainer, report, progress);
+    }
     return !outcome.interrupted;
   });
   progress.finish();
@@ -83,14 +98,19 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
   return outcome;
 }
 
-// Calls train(). If it throws an exception that leaves the state of the training consistent (an image that
-// cannot be read, out of memory), saves the state.
+// Calls train(). If the run is interrupted, or if an exception is thrown that leaves the state of the
+// training consistent (an image that cannot be read, out of memory), saves the state, unless the run was
+// being completed early: then the state before this remains, from which it can go on.
 Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, Progress& progress,
                        const InterruptGuard& guard, TrainSettings& settings, serve::LiveTraining* live) {
   const RunInterval interval = checkpoint_interval(settings);
   const auto save = [&](const TrainState& state) {
     take_pace(trainer, settings);
     keeper.save(state, settings);
+  };
+  const auto keeps_start = [&] {
+    const auto& start = trainer.completed_from();
+    return start && keeper.saved_iteration() == start->iteration;
   };
   trainer.on_state({interval.iterations, interval.seconds, save});
   trainer.on_nonfinite([&](const std::string& message) {
@@ -99,14 +119,14 @@ Outcome train_and_keep(Trainer& trainer, RunFolder& folder, RunKeeper& keeper, P
   });
   try {
     const Outcome outcome = train(trainer, folder, progress, guard, live);
-    if (outcome.interrupted) save(trainer.state());
+    if (outcome.interrupted && !keeps_start()) save(trainer.state());
     return outcome;
   } catch (const std::exception& exception) {
     const Error error = as_error(exception);
     progress.finish();
     if (ranks().size() > 1) throw;  // other ranks do not know about the exception
     try {
-      if (trainer.state_is_whole() && trainer.iteration() > 0) save(trainer.state());
+      if (trainer.state_is_whole() && trainer.iteration() > 0 && !keeps_start()) save(trainer.state());
     } catch (const std::exception&) {  // the device is lost: report the first error
     }
     if (keeper.saved_iteration() < 0) throw;
@@ -345,7 +365,7 @@ int run(const TrainOptions& options) {
   // From here on, files are changed, so signals are handled until the end. A signal after the last step does
   // not stop the writing of the results.
   beforehand.reset();
-  const InterruptGuard guard;
+  InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
   if (!settings.chosen.contains("eval_every")) trainer.sample_test();
@@ -361,6 +381,7 @@ int run(const TrainOptions& options) {
   }
   Outcome outcome =
       train_and_keep(trainer, folder, keeper, progress, guard, settings, live ? &*live : nullptr);
+  guard.loop_ended();
   take_pace(trainer, settings);
 
   const Background::Learnt learnt = settings.background.learnt;
@@ -403,7 +424,7 @@ int run(const TrainOptions& options) {
     write_results();
   else
     finish(folder, keeper, trainer, settings, write_results);
-  if (live && !guard.interrupted()) live->end();
+  if (live && !guard.must_end()) live->end();
   if (options.json) print_json(json);
   if (options.talkative()) {
     print_summary(start, folder, trainer, outcome, peak_bytes, renders, budget_seconds > 0);

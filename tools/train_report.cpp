@@ -62,7 +62,11 @@ void print_start(const Dataset& data, const Split& train, const Split& test, con
 
 void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer, const Outcome& outcome,
                    std::uint64_t peak_bytes, std::size_t renders, bool has_budget) {
-  say("{} after {} iterations, {:.1f} s: {} splats\n", outcome.interrupted ? "interrupted" : "finished",
+  const auto& early = trainer.completed_from();
+  say("{} after {} iterations, {:.1f} s: {} splats\n",
+      outcome.interrupted ? "interrupted"
+      : early             ? "finished early"
+                          : "finished",
       trainer.iteration(), trainer.seconds(), trainer.splats());
   if (const auto& evaluation = outcome.evaluation)
     say("test     {}{}\n", metrics_text(evaluation->metrics.mean),
@@ -78,7 +82,10 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
   const std::string run = shell_word(start.out);
   if (outcome.interrupted)
     say("next     ubs train --resume {}{}\n", run,
-        has_budget ? " (--budget +1m completes the schedule within a minute)" : "");
+        early        ? fmt::format(" (continues after iteration {}, before the cool-down)", early->iteration)
+        : has_budget ? " (--budget +1m completes the schedule within a minute)"
+        : trainer.ranks().size() == 1 ? " (without --iterations, Ctrl-C completes the schedule)"
+                                      : "");
   else
     say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "
         "flight.mp4\n",
@@ -104,6 +111,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"build", build_id()},
             {"data", start.data},
             {"interrupted", outcome.interrupted},
+            {"ended_early", nullptr},
             {"dim", settings.dim},
             {"splats", trainer.splats()},
             {"iterations", trainer.iteration()},
@@ -124,6 +132,8 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
     json["views_by_rank"] = trainer.shared()->deal().counts();
     json["bytes_sent_by_first_rank"] = trainer.shared()->bytes_sent();
   }
+  if (const auto& from = trainer.completed_from())
+    json["ended_early"] = {{"iteration", from->iteration}, {"seconds", from->seconds}};
   if (start.checkpoint) json["resumed_from"] = start.checkpoint->state.iteration;
   if (const auto& evaluation = outcome.evaluation) {
     json["test"] = {{"iteration", evaluation->iteration}, {"seconds", evaluation->seconds}};

@@ -104,7 +104,8 @@ const Field<S> kFields[] = {
                      1, kMaxIterations}),
     {"work_shares",
      "share of the work that is done after certain iterations, as recorded by --budget: "
-     "ITERATION:SHARE,..., such as 90:0.05,200:0.1; empty: proportional to the iterations",
+     "ITERATION:SHARE,..., such as 90:0.05,200:0.1; empty: proportional to the iterations; @ITERATION after "
+     "a point: the pace changed after this earlier iteration",
      &S::work_shares},
     {"batch", "number of views per step", &S::batch, 1, 1024},
     {"pyramid",
@@ -318,23 +319,34 @@ static bool take_number(const char*& at, const char* end, char closing, T& value
   return *at++ == closing && (closing != ',' || at != end);
 }
 
+SharePoint reached(const SharePoint& from, const SharePoint& to) {
+  if (to.left_at == 0) return to;
+  return {to.left_at, from.share + (to.share - from.share) * (to.left_at - from.iteration) /
+                                       (to.iteration - from.iteration)};
+}
+
 std::vector<SharePoint> share_points(const TrainSettings& s) {
   std::vector<SharePoint> points;
   const char* at = s.work_shares.data();
   const char* const end = at + s.work_shares.size();
+  SharePoint last;
   while (at != end) {
     SharePoint point;
-    const SharePoint before = points.empty() ? SharePoint{} : points.back();
-    if (!take_number(at, end, ':', point.iteration) || !take_number(at, end, ',', point.share) ||
-        point.iteration <= before.iteration || !(point.share > before.share) || !(point.share <= 1))
+    const char* const entry_end = std::find(at, end, ',');
+    const bool left = std::find(at, entry_end, '@') != entry_end;
+    const bool read = take_number(at, end, ':', point.iteration) &&
+                      take_number(at, end, left ? '@' : ',', point.share) &&
+                      (!left || take_number(at, end, ',', point.left_at));
+    if (!read || point.iteration <= last.iteration || !(point.share > last.share) || !(point.share <= 1) ||
+        (left && (point.left_at <= last.iteration || point.left_at >= point.iteration)))
       fail(ErrorKind::usage,
            "work_shares must be empty, or a list of increasing iterations and increasing shares of the work "
            "that is done after them, such as 90:0.05,200:0.1; the first invalid entry follows '{}:{}'",
-           before.iteration, before.share);
+           last.iteration, last.share);
     points.push_back(point);
+    last = reached(last, point);
   }
   if (points.empty()) return points;
-  const SharePoint last = points.back();
   if (last.iteration > s.iterations || (last.share == 1) != (last.iteration == s.iterations))
     fail(ErrorKind::usage,
          "work_shares depends on the number of iterations: a share of {} after iteration {} does not match a "
@@ -345,8 +357,10 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
 
 std::string to_string(const std::vector<SharePoint>& points) {
   std::string text;
-  for (const SharePoint& point : points)
+  for (const SharePoint& point : points) {
     text += fmt::format("{}{}:{}", text.empty() ? "" : ",", point.iteration, point.share);
+    if (point.left_at > 0) text += fmt::format("@{}", point.left_at);
+  }
   return text;
 }
 

@@ -71,7 +71,7 @@ struct TrainSettings : ReadSettings {
   int iterations = 30000;
   int batch = 1;  // views per step
   // Share of the work that is done after some iterations, such as 90:0.05,200:0.1; empty: proportional to the
-  // iterations (host/train/work_share.hpp).
+  // iterations (host/train/work_share.hpp). 200:0.1@120 is a point that the run left after iteration 120.
   std::string work_shares;
   std::string pyramid;  // reduced images at the start, such as 4:0.2,2:0.5 (docs/budget.md); empty: none
   IndexRange refine{500, 25000, 100};  // after `first`, before `end`; empty range: never
@@ -162,7 +162,12 @@ RunInterval checkpoint_interval(const TrainSettings& settings);
 struct SharePoint {
   int iteration = 0;
   double share = 0;  // share of the work that is done after this iteration
+  // If it is not 0, the run changed its pace after this earlier iteration, on the way to this point.
+  int left_at = 0;
 };
+// Returns where a run that is at `from` ends its way to the next point `to`: at this point, or where it
+// leaves the way.
+SharePoint reached(const SharePoint& from, const SharePoint& to);
 // Parses work_shares. Iterations and shares must increase, and shares are at most 1. Throws Error(usage)
 // otherwise.
 std::vector<SharePoint> share_points(const TrainSettings& settings);

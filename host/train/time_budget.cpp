@@ -21,6 +21,8 @@ constexpr double kFresh = 0.5;  // weight of the latest measurement in slowness_
 // The distance of two points is 1/kPoints of the whole run, or 1/kPointsOfRest of the rest of the run if that
 // is less.
 constexpr int kPoints = 100, kPointsOfRest = 10;
+// cooldown_seconds()
+constexpr double kCooldownShare = 0.1, kLeastCooldown = 5, kMostCooldown = 60;  // seconds
 // Growth ends when the number of splats exceeds this multiple of the number that the iterations can train.
 constexpr double kSpareSplats = 2;
 
@@ -64,9 +66,20 @@ double StepCost::step_ms(double splats) const {
 
 std::string shares_until(const TrainSettings& settings, int iteration) {
   std::vector<SharePoint> points = share_points(settings);
-  std::erase_if(points, [&](const SharePoint& point) { return point.iteration >= iteration; });
-  points.push_back({iteration, rounded_share(WorkShare(settings).at(iteration))});
-  return to_string(points);
+  if (points.empty() || points.back().share < 1) points.push_back({settings.iterations, 1});
+  std::vector<SharePoint> kept;
+  SharePoint at;
+  for (const SharePoint& point : points) {
+    if (at.iteration >= iteration) break;
+    kept.push_back(point);
+    at = reached(at, point);
+    if (at.iteration > iteration) kept.back().left_at = iteration;
+  }
+  return to_string(kept);
+}
+
+double cooldown_seconds(double trained, double left) {
+  return std::min(std::clamp(kCooldownShare * trained, kLeastCooldown, kMostCooldown), left);
 }
 
 WorkTime::WorkTime(const std::vector<StepCost>& costs, const Schedule& schedule,
@@ -192,6 +205,26 @@ void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds,
     points.push_back({iteration + rest, 1});
   settings.iterations = iteration + rest;
   settings.work_shares = to_string(points);
+}
+
+void BudgetPace::complete(TrainSettings& settings, int iteration, double seconds, double swept, double within,
+                          std::uint32_t splats) {
+  const WorkShare work(settings);
+  measure(work, iteration, seconds, swept);
+  budget_.seconds = seconds + within;
+  settings.work_shares = shares_until(settings, iteration);
+  if (work.at(iteration) < kLastPart) {
+    std::vector<SharePoint> points = share_points(settings);
+    points.push_back({++iteration, kLastPart});
+    settings.iterations = std::max(settings.iterations, iteration + 1);
+    settings.work_shares = to_string(points);
+    // If splats are still to be added, the time of steps was planned for more than there are.
+    const auto full = std::ranges::find(budget_.costs, 1, &StepCost::factor);
+    if (full != budget_.costs.end())
+      slowness_ *= 1e-3 * full->step_ms(splats) * (1 - kLastPart) / time_.steps_left(kLastPart);
+  }
+  begin(WorkShare(settings), iteration, seconds, swept);
+  advance(settings, iteration, seconds, swept, true);
 }
 
 bool BudgetPace::serves_more(std::uint32_t splats, const TrainSettings& settings) const {

@@ -253,6 +253,7 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       save_state();
       clock.go_on();
     }
+    if (now.completes && go_on) complete();
   }
   look();
 }
@@ -262,17 +263,18 @@ Trainer::Due Trainer::due(double evaluated) const {
   const int iteration = progress_.iteration;
   const bool last = iteration == settings().iterations;
   const RunInterval every = evaluation_interval(settings());
+  const bool completes = !last && completes_in_;
   std::array decisions{every.seconds > 0 && std::floor(progress_.seconds / every.seconds) >
                                                 std::floor(evaluated / every.seconds),
-                       !last && save_due()};
+                       !last && (save_due() || (completes && saving_.save))};
   passes_->agree(decisions, guard_.sentinel(), iteration);
   const auto [by_time, saves] = decisions;
   const bool by_iteration = every.iterations > 0 && iteration % every.iterations == 0;
   const bool evaluates = !views_.test().views.empty() && (last || by_time || by_iteration);
-  const bool reads = evaluates || last || iteration - progress_.logged >= settings().log_every;
+  const bool reads = evaluates || last || completes || iteration - progress_.logged >= settings().log_every;
   const bool changes =
       schedule_.refines(iteration + 1) || (cameras_.refines() && schedule_.camera_sweep(iteration + 1));
-  return {evaluates, saves, reads, guard_.due(iteration, reads || saves || changes)};
+  return {evaluates, saves, completes, reads, guard_.due(iteration, reads || saves || changes)};
 }
 
 // Measures a sample of the test views if it is time to do so. If the step has evaluated all of them, the
@@ -363,6 +365,20 @@ void Trainer::set_pace(bool any_change) {
   schedule_ = schedule_.with(std::move(changed));
 }
 
+void Trainer::complete_in(double seconds) {
+  if (!pace_) fail(ErrorKind::internal, "only a run with a time budget can be completed early");
+  if (!completed_from_) completes_in_ = seconds;
+}
+
+void Trainer::complete() {
+  TrainSettings changed = settings();
+  pace_->complete(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds(), *completes_in_,
+                  splats());
+  schedule_ = schedule_.with(std::move(changed));
+  completes_in_.reset();
+  completed_from_ = progress_;
+}
+
 // ---- The state ----
 
 TrainState Trainer::state(bool everywhere) const {
@@ -393,8 +409,9 @@ void Trainer::restore(const TrainState& s) {
 }
 
 bool Trainer::save_due() const {
-  return saving_.save && ((saving_.iterations > 0 && progress_.iteration % saving_.iterations == 0) ||
-                          (saving_.seconds > 0 && progress_.seconds - saved_seconds_ >= saving_.seconds));
+  if (!saving_.save || completed_from_) return false;
+  return (saving_.iterations > 0 && progress_.iteration % saving_.iterations == 0) ||
+         (saving_.seconds > 0 && progress_.seconds - saved_seconds_ >= saving_.seconds);
 }
 
 // Saves the state. Relocation, growth or noise may have produced a value that is not finite, which only the

@@ -79,6 +79,13 @@ class Trainer {
   // Lets the run measure a few test views in between, if this takes little time (TestSample). The model does
   // not depend on it. Must be called before run(); has no effect with several ranks.
   void sample_test() { samples_ = true; }
+  // Lets a run with a time budget end early: within about `seconds`, it does the last part of its schedule,
+  // in which the learning rates fall to 0 (BudgetPace::complete). This begins after the next iteration,
+  // unless that is the last one. The state at this point is saved (on_state), and later ones are not, so that
+  // the run can also be resumed as if it had not been ended. Must be called by on_step().
+  void complete_in(double seconds);
+  // Returns the progress at which complete_in() took effect.
+  const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
   // Returns the settings of the run, in which automatic values are resolved.
   const TrainSettings& settings() const { return schedule_.settings(); }
   // Returns the settings with the background that has been learnt so far. Use them to render the model
@@ -140,8 +147,9 @@ class Trainer {
   // The actions that follow after an iteration.
   struct Due {
     bool evaluates = false, saves = false;
-    bool reads = false;  // reads the loss
-    bool looks = false;  // checks for values that are not finite
+    bool completes = false;  // see complete_in()
+    bool reads = false;      // reads the loss
+    bool looks = false;      // checks for values that are not finite
   };
 
   void step();
@@ -166,6 +174,7 @@ class Trainer {
   void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;                   // whether the time budget must set the next point now
   void set_pace(bool any_change = false);  // see BudgetPace::advance()
+  void complete();
 
   const TimeSource& time_;
   Communicator& ranks_;
@@ -182,7 +191,9 @@ class Trainer {
   LossLog losses_;
   TrainProgress progress_;
   Guard guard_;
-  std::optional<BudgetPace> pace_;  // only in a run with a time budget
+  std::optional<BudgetPace> pace_;      // only in a run with a time budget
+  std::optional<double> completes_in_;  // set by complete_in(), until it takes effect
+  std::optional<TrainProgress> completed_from_;
   bool whole_ = true, samples_ = false;
   StateSaving saving_;
   double saved_seconds_ = 0;

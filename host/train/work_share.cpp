@@ -6,36 +6,36 @@
 
 namespace ubs {
 
-WorkShare::WorkShare(const TrainSettings& settings)
-    : points_(share_points(settings)), iterations_(settings.iterations) {}
-
-WorkShare::Piece WorkShare::piece_before(std::size_t point) const {
-  return {point > 0 ? points_[point - 1] : SharePoint{},
-          point < points_.size() ? points_[point] : SharePoint{iterations_, 1}};
+WorkShare::WorkShare(const TrainSettings& settings) : iterations_(settings.iterations) {
+  SharePoint from;
+  for (const SharePoint& point : share_points(settings)) {
+    pieces_.push_back({from, point, reached(from, point)});
+    from = pieces_.back().end;
+    if (point.left_at > 0) left_.push_back(pieces_.back());
+  }
+  const SharePoint end{iterations_, 1};
+  pieces_.push_back({from, end, end});
 }
 
-WorkShare::Piece WorkShare::piece_of(int iteration) const {
-  const auto next = std::ranges::lower_bound(points_, iteration, {}, &SharePoint::iteration);
-  return piece_before(static_cast<std::size_t>(next - points_.begin()));
+const WorkShare::Piece& WorkShare::piece_of(int iteration) const {
+  const auto piece =
+      std::ranges::lower_bound(pieces_, iteration, {}, [](const Piece& p) { return p.end.iteration; });
+  return piece == pieces_.end() ? pieces_.back() : *piece;
 }
 
 double WorkShare::at(int iteration) const {
-  if (points_.empty()) return static_cast<double>(iteration) / iterations_;
-  const auto [from, to] = piece_of(iteration);
+  if (pieces_.size() == 1) return static_cast<double>(iteration) / iterations_;
+  const auto& [from, to, end] = piece_of(iteration);
   if (iteration >= to.iteration) return to.share;
   return from.share +
          (to.share - from.share) * (iteration - from.iteration) / (to.iteration - from.iteration);
 }
 
 double WorkShare::steps_at(int iteration) const {
-  return points_.empty() ? iteration : kScheduleLength * at(iteration);
+  return pieces_.size() == 1 ? iteration : kScheduleLength * at(iteration);
 }
 
-int WorkShare::iteration_at(double steps) const {
-  if (points_.empty()) return static_cast<int>(std::llround(steps));
-  const double share = steps / kScheduleLength;
-  const auto next = std::ranges::lower_bound(points_, share, {}, &SharePoint::share);
-  const auto [from, to] = piece_before(static_cast<std::size_t>(next - points_.begin()));
+int WorkShare::Piece::iteration_at(double share) const {
   if (to.iteration <= from.iteration) return to.iteration;  // after the end of the run
   const double part = (share - from.share) / (to.share - from.share);
   const auto nearest = from.iteration + std::llround(part * (to.iteration - from.iteration));
@@ -43,9 +43,21 @@ int WorkShare::iteration_at(double steps) const {
   return std::max(static_cast<int>(nearest), from.iteration > 0 ? from.iteration + 1 : 0);
 }
 
+int WorkShare::iteration_at(double steps) const {
+  if (pieces_.size() == 1) return static_cast<int>(std::llround(steps));
+  const double share = steps / kScheduleLength;
+  // The end of a piece that was left early may be the iteration that is nearest to a share behind it. The run
+  // used it before it left the piece, so it remains the result.
+  for (const Piece& piece : left_)
+    if (share > piece.from.share && share <= piece.to.share)
+      if (const int nearest = piece.iteration_at(share); nearest <= piece.end.iteration) return nearest;
+  const auto piece = std::ranges::lower_bound(pieces_, share, {}, [](const Piece& p) { return p.end.share; });
+  return (piece == pieces_.end() ? pieces_.back() : *piece).iteration_at(share);
+}
+
 double WorkShare::iterations_per_share(int iteration) const {
-  if (points_.empty()) return iterations_;
-  const auto [from, to] = piece_of(std::min(iteration, iterations_));
+  if (pieces_.size() == 1) return iterations_;
+  const auto& [from, to, end] = piece_of(std::min(iteration, iterations_));
   return (to.iteration - from.iteration) / (to.share - from.share);
 }
 

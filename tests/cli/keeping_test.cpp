@@ -68,7 +68,7 @@ TEST_CASE("cli: views of wide images have no opacity penalty unless the user set
     REQUIRE(test["wide_images"][0].contains(part));
     CHECK(test["mean"][part] == test["wide_images"][0][part]);
   }
-  CHECK(ended_by(folder, train + "b --budget 1h", SIGINT, "b/log.csv") == 130);  // interrupted early
+  CHECK(ended_by(folder, train + "b --budget 1h", SIGTERM, "b/log.csv") == 130);  // interrupted early
   CHECK(penalty("b") == 0);
   // Settings that the user chose are kept when the run is resumed.
   const std::string start =
@@ -164,7 +164,7 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   // Settings that the user passes are kept, even if they equal the default.
   std::ofstream(folder / "own.yaml") << "growth: 1.02\n";
   const std::string own_settings = "--dim 3 --cap-max 300000 --set lr_xyz=1.6e-4 --spec own.yaml";
-  CHECK(ended_by(folder, fmt::format("train data --out own --budget 1h {}", own_settings), SIGINT,
+  CHECK(ended_by(folder, fmt::format("train data --out own --budget 1h {}", own_settings), SIGTERM,
                  "own/log.csv") == 130);
   const std::string own = get(folder / "own/config.yaml");
   for (const char* part : {"\ncap_max: 300000", "\nlr_xyz: 0.00016", "\ngrowth: 1.02 "})

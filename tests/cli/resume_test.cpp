@@ -95,6 +95,51 @@ TEST_CASE("cli: a run that was killed or interrupted gives the same bytes when i
   check_error(folder, "train --resume whole", 2, "this run is finished");
 }
 
+TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the second one ends it") {
+  const TempFolder folder;
+  synthesise(folder);
+  const std::string train = "--data data --dim 3 --init-points 300 --cap-max 350 --log-every 1 --budget 1h";
+  const auto metrics = [&](const std::string& out) {
+    return json::parse(get(folder / out / "metrics.json"));
+  };
+  Fault fault{.kinds = test::write_calls, .nth = 30, .action = Fault::signal, .number = SIGINT};
+  TracedRun run = faulty_run(folder, "early", train, "log.csv", fault);
+  INFO(run.err);
+  CHECK(run.code == 130);
+  CHECK_THAT(run.err, Contains("Ctrl-C: completing the schedule with a cool-down of about"));
+  CHECK_THAT(run.out, Contains("finished early after") && Contains("\nrenders  "));
+  const json early = metrics("early");
+  CHECK(early["interrupted"] == false);
+  CHECK(early["ended_early"]["iteration"].get<int>() >= 20);
+  CHECK(early["ended_early"]["seconds"].get<double>() > 0);
+  CHECK(early["iterations"] == early["settings"]["iterations"]);
+  CHECK(early["test"]["iteration"] == early["iterations"]);
+  CHECK_FALSE(fs::exists(folder / "early/checkpoint.ubs"));
+  ubs_ok(folder, "train --data data --spec early/config.yaml --out again --quiet");
+  const bool same = get(folder / "early/model.ply") == get(folder / "again/model.ply");
+  CHECK(same);
+
+  // The signal comes with every row of the log. Until half a second after the first one, it is the same one.
+  fault.lasting = true;
+  run = faulty_run(folder, "ended", train, "log.csv", fault);
+  INFO(run.err);
+  CHECK(run.code == 130);
+  const json ended = metrics("ended");
+  CHECK(ended["interrupted"] == true);
+  const int before = ended["ended_early"]["iteration"].get<int>();
+  CHECK(ended["iterations"].get<int>() > before);
+  CHECK_THAT(run.out, Contains(fmt::format("continues after iteration {}, before the cool-down", before)));
+  CHECK(read_checkpoint(folder / "ended/checkpoint.ubs").state.iteration == before);
+  CHECK_THAT(ubs_ok(folder, "train --resume ended --budget +1s").out,
+             Contains(fmt::format("resumed  at iteration {},", before)) && Contains("finished after"));
+
+  fault.lasting = false;
+  fault.number = SIGTERM;
+  CHECK(faulty_run(folder, "terminated", train, "log.csv", fault).code == 130);
+  CHECK(metrics("terminated")["interrupted"] == true);
+  CHECK(metrics("terminated")["ended_early"].is_null());
+}
+
 TEST_CASE("cli: a checkpoint is not resumed in the folder of another run") {
   const TempFolder folder;
   synthesise(folder);

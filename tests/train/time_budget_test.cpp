@@ -59,13 +59,16 @@ struct Simulated {
 };
 
 // Simulates the run of a budget on such a machine like Trainer, but without a device.
-Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine) {
+// At `end_early`, the run is completed within cooldown_seconds().
+Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t points, const Machine& machine,
+                   double end_early = 1e9) {
   const Split train = views_of(800);
   auto [settings, budget] = choose_iterations(std::move(asked), base, train, points);
   const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
   BudgetPace pace(budget, settings, train, points);
   double now = budget.measured, swept = 0;
   bool stopped = false;
+  std::uint32_t splats = UINT32_MAX;  // maximum, after growth has ended early
   pace.begin(WorkShare(settings), 0, now, 0);
   pace.advance(settings, 0, now, 0);
   Schedule schedule(settings, points);
@@ -74,7 +77,7 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
     const int factor = factor_at(levels, schedule.work(), i);
     const StepCost& cost = *std::ranges::find(budget.costs, factor, &StepCost::factor);
     const double factor_now = machine.slowness(now) * (factor > 1 ? machine.coarse : 1);
-    now += 1e-3 * factor_now * cost.step_ms(schedule.splats_at(share));
+    now += 1e-3 * factor_now * cost.step_ms(std::min(schedule.splats_at(share), splats));
     if (schedule.camera_sweep(i)) {
       const double seconds = 1e-3 * factor_now * cost.sweep_ms;
       now += seconds;
@@ -88,6 +91,14 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
       pace.advance(settings, i, now, swept);
       validate(settings);
       schedule = schedule.with(settings);
+    }
+    if (now >= end_early && i < settings.iterations) {
+      const double within = cooldown_seconds(now, pace.seconds_left(schedule.work(), i));
+      splats = schedule.splats_at(share);
+      pace.complete(settings, i, now, swept, within, splats);
+      validate(settings);
+      schedule = schedule.with(settings);
+      end_early = 1e9;
     }
   }
   return {settings, now, budget.first_iterations};
@@ -165,6 +176,26 @@ TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loa
       if (!all) CHECK(run.seconds > seconds - tolerance);
       CHECK(run.seconds < seconds + tolerance);
       CHECK(run.settings.iterations <= kScheduleLength);
+      CHECK(share_points(run.settings).back().share == 1);
+    }
+}
+
+TEST_CASE("time budget: the cool-down of a run that ends early", "[budget]") {
+  CHECK(cooldown_seconds(200, 300) == Approx(20));
+  CHECK(cooldown_seconds(10, 300) == 5);
+  CHECK(cooldown_seconds(3600, 3600) == 60);
+  CHECK(cooldown_seconds(200, 3) == 3);
+}
+
+TEST_CASE("time budget: a run that ends early completes its schedule in time", "[budget]") {
+  for (const Machine& machine : machines())
+    for (const double end_early : {60.0, 200.0, 350.0}) {
+      const Simulated run = simulate(budget_of(400), fast_settings(), 9000, machine, end_early);
+      INFO(machine.name << ", ended early at " << end_early << " s: " << run.seconds << " s, "
+                        << run.settings.iterations << " iterations");
+      if (run.settings.iterations == kScheduleLength) continue;
+      CHECK(run.seconds == Approx(1.1 * end_early).margin(2));  // largest error 1.04 s, one slow step
+      CHECK(run.settings.work_shares.find('@') != std::string::npos);
       CHECK(share_points(run.settings).back().share == 1);
     }
 }
@@ -288,11 +319,60 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
         CHECK(other.seconds == Approx(end).margin(1));
         CHECK(share_points(other.settings).back().share == 1);
         Trainer repeated(*device, other.settings, data.train, test::kNone, test::start(settings));
-        repeated.restore(kept.state);
         repeated.run([](const StepReport&) { return true; });
         CHECK(test::same_bits(repeated.model().values, other.model.values));
       }
     }
+}
+
+TEST_CASE("time budget: a run that ends early can be repeated, and resumed from before", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 32, 4);
+  const TrainSettings settings = budgeted_settings();
+  TimeBudget budget = small_budget();
+  budget.first_iterations = settings.iterations;
+  for (const auto& device : devices_under_test()) {
+    test::SimulatedTime time;
+    Trainer trainer(*device, settings, data.train, test::kNone, test::start(settings), alone(), time);
+    trainer.keep_to(budget);
+    std::vector<Kept> kept;
+    trainer.on_state({7, 0, [&](const TrainState& state) {
+                        if (state.iteration > 70) kept.push_back({state, trainer.settings()});
+                      }});
+    double at_request = 0, end = 0;
+    time.advance(0.1);
+    trainer.run([&](const StepReport& report) {
+      if (report.iteration == 74) {
+        at_request = report.seconds;
+        trainer.complete_in(5);
+        CHECK_FALSE(trainer.completed_from());
+      }
+      end = report.seconds;
+      time.advance(0.1);
+      return true;
+    });
+    const TrainSettings ended = trainer.settings();
+    INFO(ended.iterations << " iterations, " << end << " s, " << ended.work_shares);
+    validate(ended);
+    REQUIRE(trainer.completed_from());
+    CHECK(trainer.completed_from()->iteration == 75);
+    CHECK(trainer.iteration() == ended.iterations);
+    CHECK(end == Approx(at_request + 5.1).margin(0.4));
+    CHECK(share_points(ended).back().share == 1);
+    CHECK(WorkShare(ended).at(76) == kLastPart);
+    // The settings repeat the run without a clock.
+    Trainer again(*device, ended, data.train, test::kNone, test::start(settings));
+    again.run([](const StepReport&) { return true; });
+    CHECK(test::same_bits(again.model().values, trainer.model().values));
+    // The last state that was saved is that before the cool-down. A run that continues there is the one that
+    // would have taken place without complete_in().
+    REQUIRE(kept.size() == 1);
+    CHECK(kept[0].state.iteration == 75);
+    CHECK(kept[0].settings.work_shares.find('@') == std::string::npos);
+    const Trained resumed = train_in_time(
+        *device, data, settings, [](int) { return 0.1; }, &kept[0]);
+    CHECK(resumed.seconds == Approx(30).margin(0.6));
+    CHECK(resumed.settings.work_shares.starts_with(kept[0].settings.work_shares));
+  }
 }
 
 TEST_CASE("time budget: splats for which there is no time are not added", "[budget]") {

@@ -11,6 +11,7 @@
 #include "host/train/pyramid.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
+#include "host/train/time_budget.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -125,6 +126,51 @@ TEST_CASE("work share: later points do not change earlier iterations", "[schedul
   }
 }
 
+TEST_CASE("work share: a run that leaves the way to a point keeps its earlier iterations", "[schedule]") {
+  std::mt19937 random(3);
+  int tested = 0;
+  for (int run = 0; run < 200; ++run) {
+    const TrainSettings before = random_course(random, 1 + run % 12);
+    INFO(before.work_shares);
+    const int at = std::uniform_int_distribution<int>(1, before.iterations - 1)(random);
+    TrainSettings after = before;
+    std::vector<SharePoint> course = share_points(before);
+    after.work_shares = shares_until(before, at);
+    validate(after);
+    CHECK(WorkShare(after).last().iteration == at);
+    CHECK(WorkShare(after).last().share == WorkShare(before).at(at));
+    CHECK(shares_until(after, at) == after.work_shares);
+    // The rest of the work is done at another pace, after a jump if `run` is even.
+    course = share_points(after);
+    const double share = WorkShare(before).at(at), rest = 1 - share;
+    if (run % 2 == 0) course.push_back({at + 1, share + 0.7 * rest});
+    course.push_back({at + 2 + run % 40, share + 0.8 * rest});
+    after.iterations = at + 2 + run;
+    if (after.iterations <= course.back().iteration) course.pop_back();
+    course.push_back({after.iterations, 1});
+    after.work_shares = to_string(course);
+    validate(after);
+    INFO(after.work_shares);
+    const Schedule then(before, 1000), now(after, 1000);
+    const std::vector<PyramidLevel> levels = levels_of(before);
+    for (int i = 1; i <= at; ++i) {
+      REQUIRE(then.work().at(i) == now.work().at(i));
+      REQUIRE(then.refines(i) == now.refines(i));
+      REQUIRE(then.regularises(i) == now.regularises(i));
+      REQUIRE(then.camera_sweep(i) == now.camera_sweep(i));
+      REQUIRE(then.noise(i) == now.noise(i));
+      REQUIRE(factor_at(levels, then.work(), i) == factor_at(levels, now.work(), i));
+      ++tested;
+    }
+    for (int i = at; i < after.iterations; ++i) REQUIRE(now.work().at(i) < now.work().at(i + 1));
+    CHECK(now.work().at(after.iterations) == 1);
+    // A part of it that is left again, as after a second change of the time.
+    const int again = std::max(at + 1, after.iterations - 1);
+    CHECK(shares_until(after, again).starts_with(shares_until(before, at) + ","));
+  }
+  CHECK(tested > 1000);
+}
+
 TEST_CASE("work share: a run with points has the refinements, the growth and the sweeps of its schedule",
           "[schedule]") {
   std::mt19937 random(2);
@@ -159,13 +205,15 @@ TEST_CASE("work share: a run with points has the refinements, the growth and the
 
 TEST_CASE("work share: invalid points are rejected", "[schedule]") {
   for (const char* wrong : {"5", "5:", ":0.5", "5:0.5,", "5:0.5,5:0.6", "5:0.5,6:0.5", "5:1.5", "5:nan",
-                            "-5:0.5", "5:0", "5:0.5;6:0.6"})
+                            "-5:0.5", "5:0", "5:0.5;6:0.6", "5:0.5@", "5:0.5@0", "5:0.5@5", "5:0.5@9",
+                            "5:0.5@2,2:0.6", "5:0.5@2,6:0.1", "5@2:0.5", "5:0.5,9:0.6@4"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
               .find("work_shares must be") != std::string::npos);
   for (const char* wrong : {"50:0.5,101:0.6", "50:0.5,99:1", "100:0.5"})
     CHECK(message_of([&] { validate(settings_of(100, wrong)); }, ErrorKind::usage)
               .find("depends on the number of iterations") != std::string::npos);
   validate(settings_of(100, "50:0.5,100:1"));
+  validate(settings_of(100, "50:0.5@20,21:0.4,100:1"));
 }
 
 }  // namespace ubs

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <cstdint>
 #include <ctime>
 #include <string_view>
 
@@ -10,8 +11,9 @@ namespace ubs::tools {
 namespace {
 
 constexpr std::array kRequests{SIGINT, SIGTERM, SIGHUP};
-// Programs such as `timeout` send the same signal twice, to the process and to its group.
-constexpr std::time_t kSameRequestSeconds = 2;
+// Programs such as `timeout` send the same signal twice, to the process and to its group, and others pass a
+// Ctrl-C on to a process that got it from the terminal, too.
+constexpr std::int64_t kSameCtrlCMs = 500, kSameRequestMs = 2000;
 
 // This must be read when the program starts, because LLVM in OpenCL drivers replaces the handlers later.
 const bool hangup_ignored = [] {
@@ -19,20 +21,28 @@ const bool hangup_ignored = [] {
   return sigaction(SIGHUP, nullptr, &found) == 0 && found.sa_handler == SIG_IGN;
 }();
 
-volatile std::sig_atomic_t received = 0;
-volatile std::time_t received_at = 0;
+enum Request : std::sig_atomic_t { kNone, kComplete, kEnd };
+volatile std::sig_atomic_t request = kNone, first_completes = 0;
+volatile std::int64_t requested_at_ms = 0;
 const char* volatile last_line = "";
 
 // This function may only make async-signal-safe calls.
 void note(int signal) {
-  const std::time_t now = std::time(nullptr);
-  if (received && now - received_at >= kSameRequestSeconds) {
+  timespec time = {};
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  const std::int64_t now_ms = std::int64_t{time.tv_sec} * 1000 + time.tv_nsec / 1'000'000;
+  const std::int64_t since_ms = now_ms - requested_at_ms;
+  if (request == kNone)
+    request = first_completes && signal == SIGINT ? kComplete : kEnd;
+  else if (request == kComplete && first_completes && (signal != SIGINT || since_ms >= kSameCtrlCMs))
+    request = kEnd;
+  else {
+    if (since_ms < kSameRequestMs) return;
     std::signal(signal, SIG_DFL);
     raise(signal);
     return;
   }
-  if (!received) received_at = now;
-  received = 1;
+  requested_at_ms = now_ms;
 }
 
 void end(int) {
@@ -67,13 +77,16 @@ EndOnRequest::EndOnRequest(const char* line) {
 }
 EndOnRequest::~EndOnRequest() { restore(previous_); }
 
-InterruptGuard::InterruptGuard() {
-  received = 0;
+InterruptGuard::InterruptGuard(bool completes) {
+  request = kNone;
+  first_completes = completes;
   previous_ = handle_requests(note);
 }
 InterruptGuard::~InterruptGuard() { restore(previous_); }
 
-bool InterruptGuard::interrupted() const { return received != 0; }
+bool InterruptGuard::interrupted() const { return request != kNone; }
+bool InterruptGuard::must_end() const { return request == kEnd; }
+void InterruptGuard::loop_ended() { first_completes = 0; }
 
 bool in_foreground() { return ::tcgetpgrp(STDIN_FILENO) == ::getpgrp(); }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // InterruptGuard lets a loop end cleanly. While the object exists, the signals SIGINT, SIGTERM and SIGHUP
-// (closed terminal) only set a state that the loop can query. A second signal, two seconds or more later, has
-// its usual effect, so that a stuck process can still be ended. If SIGHUP is ignored (nohup), it stays
-// ignored.
+// (closed terminal) only set a state that the loop can query. After a request to end, a signal that comes two
+// seconds or more later has its usual effect, so that a stuck process can still be ended. If SIGHUP is
+// ignored (nohup), it stays ignored.
 #pragma once
 
 #include <array>
@@ -12,11 +12,18 @@ namespace ubs::tools {
 
 class InterruptGuard {
  public:
-  InterruptGuard();
+  // The first Ctrl-C (SIGINT) of a loop that `completes` only asks it to complete its work soon. A second one
+  // or another signal asks it to end.
+  explicit InterruptGuard(bool completes = false);
   ~InterruptGuard();
   InterruptGuard(const InterruptGuard&) = delete;
 
+  // Returns whether any signal has come.
   bool interrupted() const;
+  // Returns whether the loop must end now.
+  bool must_end() const;
+  // The loop has ended: a further Ctrl-C does not ask it to end, but has its usual effect.
+  void loop_ended();
 
  private:
   std::array<struct sigaction, 3> previous_ = {};

@@ -153,6 +153,7 @@
   const stateOf = (run) =>
       (run.metrics === null                  ? 'not finished' :
            find(run, 'interrupted') === true ? 'interrupted' :
+           find(run, 'ended_early')          ? 'finished early' :
                                                'finished');
 
   // Name, unit, decimals, whether more (1) or less (-1) is better, scale, path in metrics.json.
