@@ -263,7 +263,7 @@ TEST_CASE("an interrupted run does not show an earlier measurement as its own") 
       fmt::format(
           "'{}' train --data data --out run --dim 3 --iterations 1000000 --init-points 50 --cap-max 50 "
           "--eval-every 50 --log-every 10 >out.txt 2>err.txt & pid=$!\n"
-          "i=0; until grep -q ',[0-9.]*,0[.][0-9]*$' run/log.csv || [ $i -ge 12000 ]; do sleep 0.05; "
+          "i=0; until grep -q ',[0-9.]*,0[.][0-9]*,,$' run/log.csv || [ $i -ge 12000 ]; do sleep 0.05; "
           "i=$((i+1)); done\nsleep 0.1; kill -TERM $pid; wait $pid; echo $?\n",
           UBS_EXECUTABLE));
   CHECK(test::run_command(folder, "sh stop.sh").out == "130\n");
