@@ -85,9 +85,10 @@ Outcome train(Trainer& trainer, RunFolder& folder, Progress& progress, const Int
     }
     if (report.test) outcome.evaluation = {report.iteration, report.seconds, *report.test};
     const bool last = report.iteration == report.iterations;
+    const bool asked = guard.interrupted();  // before must_end(): a request to end is not one to complete
     outcome.interrupted = guard.must_end() && !last;
     if (live) live->step(report, !outcome.interrupted && !last);
-    if (guard.interrupted() && !outcome.interrupted && !last && !completes) {
+    if (asked && !outcome.interrupted && !last && !completes) {
       completes = true;
       complete_early(trainer, report, progress);
     }
