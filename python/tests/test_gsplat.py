@@ -347,6 +347,20 @@ def test_images_are_differentiated_in_any_order(fused_calls: list[bool]) -> None
     assert len(fused_calls) == 3
 
 
+def test_strides_of_harmonics_do_not_matter(fused_calls: list[bool]) -> None:
+    s, gradients = case("sh 3"), []
+    transposed = s["colors"].transpose(1, 2).contiguous().transpose(1, 2)
+    assert not transposed.is_contiguous()
+    for colors in (s["colors"], transposed):
+        colors = colors.clone(memory_format=torch.preserve_format).requires_grad_()
+        images = rasterization(**{**s, "colors": colors}, width=WIDTH, height=HEIGHT, sh_degree=3)[0]
+        images.square().sum().backward()
+        gradients.append(colors.grad)
+    assert len(fused_calls) == 2 and torch.equal(*gradients)
+    with pytest.raises(ubs.UsageError, match="degrees_to_use=True"):
+        rasterization(**s, width=WIDTH, height=HEIGHT, sh_degree=True)
+
+
 @pytest.mark.parametrize("change", ["turned", "negative scales", "radius_clip", "absgrad", "near plane of 0"])
 def test_calls_that_the_device_cannot_project(change: str, fused_calls: list[bool]) -> None:
     s, options = case("sh 1"), {}

@@ -49,8 +49,8 @@ class Gaussians:
         """Returns the gradients of tensors() from those of the raw parameters."""
         opacities = self.opacities.clamp(1e-8, 1 - 2.0**-24)
         count = (self.degree + 1) ** 2
-        enough = count == self.colors.shape[1]
-        v_colors = torch.empty_like(self.colors) if enough else torch.zeros_like(self.colors)
+        shape = self.colors.shape  # the strides of colors may be others
+        v_colors = self.colors.new_empty(shape) if count == shape[1] else self.colors.new_zeros(shape)
         flat = v_colors.view(len(v_colors), -1)
         flat[:, :3] = v["sh0"].T
         if self.degree > 0:
@@ -81,7 +81,9 @@ def supports(
 ) -> bool:
     """Returns whether the device can render a call without batch dimensions. The caller has checked all arguments
     except colors."""
-    if degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor) or scales is None or len(viewmats) == 0:
+    if isinstance(degree, bool) or degree not in (0, 1, 2, 3) or not isinstance(colors, Tensor):
+        return False
+    if scales is None or len(viewmats) == 0:
         return False
     if len(scales) == 0 or not bool((scales > LEAST_SCALE).all()):
         return False
