@@ -158,17 +158,26 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
+// A time budget counts from the start of the command. Returns the part of it that is left for training after
+// `elapsed` seconds. This is at least half of it, so that the first run on a machine, which has to build all
+// kernels, still has a usable result.
+double training_seconds(double budget, double elapsed) { return std::max(budget - elapsed, budget / 2); }
+
+double asked_seconds(const TrainOptions& options) {
+  const std::string& budget = options.start.budget;
+  return budget.empty() ? kDefaultSeconds : time_budget_seconds(budget);
+}
+
 // Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
 // returns the time budget. The number is the largest that is expected to fit the time budget. With several
 // ranks, there is no time budget and the run gets kDefaultIterations. `warm_up` is called before steps are
-// measured.
+// measured. `command` shows the time since the start of the command.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
-                           const Split& train,
+                           const Split& train, const Stopwatch& command,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
   const bool asked = !options.start.budget.empty();
   const PictureFacts pictures = picture_facts(train, start.settings);
-  TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kDefaultSeconds,
-                    .most_iterations = asked ? kScheduleLength : kDefaultIterations};
+  TimeBudget budget{.most_iterations = asked ? kScheduleLength : kDefaultIterations};
   if (ranks().size() > 1) {
     start.settings = default_settings(start, data, pictures);
     budget = {};
@@ -181,6 +190,7 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
       flush_out();
     }
     warm_up(few, initial);
+    budget.seconds = training_seconds(asked_seconds(options), command.seconds());
     const Stopwatch watch;
     budget.costs = measure_steps(device, in_unit(few), train, initial, 2 * initial.count);
     budget.measured = watch.seconds();
@@ -192,9 +202,10 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   if (options.talkative()) {
     say("schedule {}{} iterations{}, at most {} splats{}\n", ends_early ? "about " : "",
         start.settings.iterations,
-        budget.seconds > 0 ? fmt::format(" in {}", duration_text(budget.seconds)) : "",
+        budget.seconds > 0 ? fmt::format(" in {}", duration_text(asked_seconds(options))) : "",
         start.settings.cap_max,
-        budget.seconds > 0 ? fmt::format("; measuring the steps took {}", duration_text(budget.measured))
+        budget.seconds > 0 ? fmt::format("; {} of this time have passed, {} to measure the steps",
+                                         duration_text(command.seconds()), duration_text(budget.measured))
                            : "");
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
@@ -228,9 +239,14 @@ check::Use use_of(const TrainSettings& settings, const TrainOptions& options) {
 
 // Does the work from the last iteration to the end of the run; `write` writes all results. This work may fail
 // because the disk is full, or the process may be killed. As long as there is a checkpoint, `ubs train
-// --resume` writes the results again, so the checkpoint is removed last.
+// --resume` writes the results again, so the checkpoint is removed last. A run with a time budget keeps it
+// under another name, to go on from there. If such a run has been completed early, it keeps the state before
+// this.
 void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const TrainSettings& settings,
-            const std::function<void()>& write) {
+            bool has_budget, const std::function<void()>& write) {
+  const auto& early = trainer.completed_from();
+  const bool keeps_early = early && keeper.saved_iteration() == early->iteration;
+  if (keeps_early) folder.keep_checkpoint();
   const RunInterval interval = checkpoint_interval(settings);
   if (interval.iterations > 0 || interval.seconds > 0) keeper.save(trainer.state(), settings);
   try {
@@ -243,7 +259,10 @@ void finish(RunFolder& folder, RunKeeper& keeper, const Trainer& trainer, const 
                 fmt::format("{}; resume from iteration {} with 'ubs train --resume {}' to write the results",
                             error.what(), keeper.saved_iteration(), shell_word(folder.path().string())));
   }
-  folder.remove_checkpoint();
+  if (has_budget && !keeps_early)
+    folder.keep_checkpoint();
+  else
+    folder.remove_checkpoint();
 }
 
 // Compiles the kernels for this rank's share of the splats; other ranks have the rest.
@@ -302,6 +321,7 @@ Json changed_keys(TrainSettings asked, TrainSettings settled) {
 }
 
 int run(const TrainOptions& options) {
+  const Stopwatch command;
   if (options.print_settings) return print_settings(options);
   files_before_output();
   const LpipsRequest lpips = options.lpips.request();
@@ -345,8 +365,8 @@ int run(const TrainOptions& options) {
         [&] { build_kernels_of_rank(*device, with, train_split, test_split, initial, networks.get()); });
   };
   run.budget = start.checkpoint ? start.checkpoint->budget
-               : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
-                                : TimeBudget{};
+               : start.fast ? choose_settings(options, start, *device, data, train_split, command, warm_up)
+                            : TimeBudget{};
   if (start.checkpoint && !options.start.budget.empty())
     settings.work_shares = shares_until(settings, start.checkpoint->state.iteration);
   const SplatModel initial =
@@ -368,7 +388,12 @@ int run(const TrainOptions& options) {
   beforehand.reset();
   InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
+  const double preparation = command.seconds();
+  if (run.budget.seconds > 0 && !start.checkpoint)  // what was measured counts as training time
+    run.budget.seconds = training_seconds(asked_seconds(options), preparation - run.budget.measured);
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
+  if (start.checkpoint && !options.start.budget.empty() && start.checkpoint->is_finished())
+    trainer.go_on_for(run.budget.seconds - trainer.seconds());
   if (!settings.chosen.contains("eval_every")) trainer.sample_test();
   const double budget_seconds = run.budget.seconds;
   RunKeeper keeper(folder, std::move(run), start.checkpoint ? trainer.iteration() : -1);
@@ -406,6 +431,7 @@ int run(const TrainOptions& options) {
     if (ranks().first()) {
       json = run_json(start, *device, peak_bytes, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
+      json["preparation_seconds"] = preparation;
       if (!chosen.empty()) json["chosen"] = chosen;
       if (learnt != Background::Learnt::no) json["learnt_background"] = to_string(drawn.background);
       json["storage_bytes"] = file_bytes(folder.model());
@@ -424,7 +450,7 @@ int run(const TrainOptions& options) {
   if (outcome.interrupted)
     write_results();
   else
-    finish(folder, keeper, trainer, settings, write_results);
+    finish(folder, keeper, trainer, settings, budget_seconds > 0, write_results);
   if (live && !guard.must_end()) live->end();
   if (options.json) print_json(json);
   if (options.talkative()) {
@@ -462,13 +488,14 @@ Command add_train(CLI::App& root) {
   app->add_option(
          "--budget", options->start.budget,
          fmt::format(
-             "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
-             "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]; with "
-             "--resume, +TIME ends the run after this time",
+             "train until this time after the start of the command, such as 90s, 10m or 1h; ubs chooses "
+             "iterations, splats and growth to fit (docs/budget.md) [without --iterations: {} iterations or "
+             "15m, whichever ends first]; with --resume, +TIME lets the run train for this time",
              kDefaultIterations))
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,
-                  "resume the interrupted run in this output folder with its data and settings")
+                  "resume the interrupted run in this output folder with its data and settings; with "
+                  "--budget +TIME also a finished run that had a time budget")
       ->type_name("DIR");
   app->add_flag("--any-device", options->start.any_device,
                 "with --resume: allow a different device; results will not be bit-identical")

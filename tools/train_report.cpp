@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "host/api/open_data.hpp"
+#include "host/base/paths.hpp"
 #include "host/base/text.hpp"
 #include "host/scene/settings.hpp"
 #include "tools/common/program_version.hpp"
@@ -90,6 +91,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
     say("next     ubs report {0} (HTML report), ubs view {0} (in the browser), ubs render {0} --video "
         "flight.mp4\n",
         run);
+  if (!outcome.interrupted && path_exists(folder.continuation()))
+    say("longer   ubs train --resume {} --budget +5m\n", run);
 }
 
 namespace {

@@ -142,7 +142,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
     more_seconds = time_budget_seconds(options.budget.substr(1));
   }
   auto lock = holds && is_folder(options.resume) ? std::make_unique<FolderLock>(options.resume) : nullptr;
-  Checkpoint checkpoint = open_checkpoint(options.resume);
+  Checkpoint checkpoint = open_checkpoint(options.resume, more_seconds.has_value());
   TrainSettings settings = given.resolve(checkpoint.settings);
   check_same_settings(checkpoint.settings, settings);
   if (more_seconds) {
@@ -150,6 +150,7 @@ Start start_of(const StartOptions& options, const SettingsOptions& given, bool h
       fail(ErrorKind::usage, "--budget {}: the number of iterations of this run is fixed: remove --budget",
            options.budget);
     checkpoint.budget.seconds = checkpoint.state.seconds + *more_seconds;
+    if (checkpoint.is_finished()) checkpoint.budget.most_iterations += checkpoint.state.iteration;
   }
   // The checkpoint has fixed all settings.
   for (const Field<TrainSettings>& field : train_fields()) settings.chosen.insert(field.key);

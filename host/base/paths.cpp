@@ -87,6 +87,12 @@ void remove_tree(const fs::path& path) {
   check(error, path, "cannot be removed");
 }
 
+void rename_path(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::rename(from, to, error);
+  check(error, from, "cannot be renamed");
+}
+
 void sync_folder(const fs::path& folder) {
   const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (opened < 0) refuse(folder, "cannot be opened", {errno, std::generic_category()});

@@ -32,6 +32,8 @@ void make_folders(const std::filesystem::path& folder);
 // not exist.
 void remove_path(const std::filesystem::path& path);
 void remove_tree(const std::filesystem::path& path);
+// Replaces a file of the new name.
+void rename_path(const std::filesystem::path& from, const std::filesystem::path& to);
 
 // Waits until the names in the folder are on the disk.
 void sync_folder(const std::filesystem::path& folder);

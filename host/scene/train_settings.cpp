@@ -337,7 +337,9 @@ std::vector<SharePoint> share_points(const TrainSettings& s) {
     const bool read = take_number(at, end, ':', point.iteration) &&
                       take_number(at, end, left ? '@' : ',', point.share) &&
                       (!left || take_number(at, end, ',', point.left_at));
-    if (!read || point.iteration <= last.iteration || !(point.share > last.share) || !(point.share <= 1) ||
+    const bool goes_on = last.share == 1 && point.share < 1;  // a finished run that was continued
+    if (!read || point.iteration <= last.iteration || !(point.share > last.share || goes_on) ||
+        !(point.share <= 1) ||
         (left && (point.left_at <= last.iteration || point.left_at >= point.iteration)))
       fail(ErrorKind::usage,
            "work_shares must be empty, or a list of increasing iterations and increasing shares of the work "

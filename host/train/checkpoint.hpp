@@ -30,6 +30,7 @@ struct Checkpoint {
   TimeBudget budget;
   // The first row of log.csv. Its seconds and loss identify the run. The text is empty before the row exists.
   std::string first_row;
+  bool is_finished() const { return state.iteration == settings.iterations; }
 };
 
 // Writes the checkpoint and replaces an existing file in one step: the old file stays until the new one is

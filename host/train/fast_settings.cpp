@@ -22,8 +22,7 @@ constexpr double kGrownAt = 0.5;  // share of the run by which growth reaches th
 // already has.
 constexpr double kFarTravel = 5, kFastest = 3e-3;
 // Points of the data make better splats than those that growth adds, so more of them are kept.
-constexpr int kSplatsAnIteration = 12, kMovingSplatsAnIteration = 10, kPointsAnIteration = 40,
-              kMinSplats = 10000;
+constexpr int kSplatsAnIteration = 12, kPointsAnIteration = 40, kMinSplats = 10000;
 
 // fast_settings() applies to runs of kShortRun iterations or fewer. In longer runs, the learning rates and
 // the shares of the work on coarse images fall as powers of the number of iterations
@@ -101,10 +100,9 @@ TrainSettings fast_settings() {
   return s;
 }
 
-int fast_run_splats(int iterations, std::size_t points, bool moving) {
+int fast_run_splats(int iterations, std::size_t points) {
   const auto kept = std::min(points, static_cast<std::size_t>(kPointsAnIteration) * iterations);
-  return std::max({kMinSplats, (moving ? kMovingSplatsAnIteration : kSplatsAnIteration) * iterations,
-                   static_cast<int>(kept)});
+  return std::max({kMinSplats, kSplatsAnIteration * iterations, static_cast<int>(kept)});
 }
 
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t points,
@@ -113,7 +111,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   TrainSettings s = settings;
   s.iterations = iterations;
   if (is_free(s, "cap_max", s.cap_max, standard.cap_max))
-    s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points, moves(s)));
+    s.cap_max = std::min(s.cap_max, fast_run_splats(iterations, points));
   // If points are triangulated from the images (points > 0), init_points stays at auto, so that a run with
   // the same settings triangulates them again.
   if (points == 0 && s.init_points == standard.init_points)

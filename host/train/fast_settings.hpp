@@ -36,8 +36,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
                                 const PictureFacts& pictures = {});
 // Returns the number of splats that such a run starts with.
 std::size_t first_splats(const TrainSettings& settings, std::size_t initial);
-// Returns the number of splats that such a run ends with, unless cap_max limits it. `moving`: the model has a
-// time dimension and direct conditioning.
-int fast_run_splats(int iterations, std::size_t initial, bool moving);
+// Returns the number of splats that such a run ends with, unless cap_max limits it.
+int fast_run_splats(int iterations, std::size_t initial);
 
 }  // namespace ubs

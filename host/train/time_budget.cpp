@@ -199,8 +199,9 @@ void BudgetPace::advance(TrainSettings& settings, int iteration, double seconds,
   const int apart = std::max(
       1, std::min(std::max(settings.log_every, static_cast<int>(per_share) / kPoints), rest / kPointsOfRest));
   std::vector<SharePoint> points = share_points(settings);
-  if (apart < rest)
-    points.push_back({iteration + apart, rounded_share(share + (1 - share) * apart / rest)});
+  const double next = rounded_share(share + (1 - share) * apart / rest);
+  if (apart < rest && next > share && next < 1)
+    points.push_back({iteration + apart, next});
   else
     points.push_back({iteration + rest, 1});
   settings.iterations = iteration + rest;
@@ -213,7 +214,7 @@ void BudgetPace::complete(TrainSettings& settings, int iteration, double seconds
   measure(work, iteration, seconds, swept);
   budget_.seconds = seconds + within;
   settings.work_shares = shares_until(settings, iteration);
-  if (work.at(iteration) < kLastPart) {
+  if (const double share = work.at(iteration); share < kLastPart || share == 1) {
     std::vector<SharePoint> points = share_points(settings);
     points.push_back({++iteration, kLastPart});
     settings.iterations = std::max(settings.iterations, iteration + 1);

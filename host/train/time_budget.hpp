@@ -102,8 +102,8 @@ class BudgetPace {
   // speed changes by half at most, unless the budget is new (`any_change`).
   void advance(TrainSettings& settings, int iteration, double seconds, double swept, bool any_change = false);
   // Completes the schedule in about `within` seconds: the work between now and kLastPart is left out, and the
-  // pace for the rest follows from the time. Called instead of advance(), after any iteration but the last.
-  // `splats` is the present number of splats.
+  // pace for the rest follows from the time. After the last iteration, the work from kLastPart on is done
+  // again. Called instead of advance(). `splats` is the present number of splats.
   void complete(TrainSettings& settings, int iteration, double seconds, double swept, double within,
                 std::uint32_t splats);
   // Returns the present estimate of the training time after this iteration, in seconds.

@@ -253,7 +253,11 @@ void Trainer::run(const std::function<bool(const StepReport&)>& on_step) {
       save_state();
       clock.go_on();
     }
-    if (now.completes && go_on) complete();
+    if (now.completes && go_on) {
+      complete(*completes_in_);
+      completes_in_.reset();
+      completed_from_ = progress_;
+    }
   }
   look();
 }
@@ -370,13 +374,17 @@ void Trainer::complete_in(double seconds) {
   if (!completed_from_) completes_in_ = seconds;
 }
 
-void Trainer::complete() {
+void Trainer::complete(double seconds) {
   TrainSettings changed = settings();
-  pace_->complete(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds(), *completes_in_,
+  pace_->complete(changed, progress_.iteration, progress_.seconds, cameras_.swept_seconds(), seconds,
                   splats());
   schedule_ = schedule_.with(std::move(changed));
-  completes_in_.reset();
-  completed_from_ = progress_;
+}
+
+void Trainer::go_on_for(double seconds) {
+  if (!pace_ || progress_.iteration != settings().iterations)
+    fail(ErrorKind::internal, "only a finished run with a time budget can be continued like this");
+  complete(seconds);
 }
 
 // ---- The state ----

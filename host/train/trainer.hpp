@@ -84,6 +84,9 @@ class Trainer {
   // unless that is the last one. The state at this point is saved (on_state), and later ones are not, so that
   // the run can also be resumed as if it had not been ended. Must be called by on_step().
   void complete_in(double seconds);
+  // Continues a finished run with a time budget for about `seconds`: it repeats the last part of its schedule
+  // with the present splats. Must be called after keep_to() and before run().
+  void go_on_for(double seconds);
   // Returns the progress at which complete_in() took effect.
   const std::optional<TrainProgress>& completed_from() const { return completed_from_; }
   // Returns the settings of the run, in which automatic values are resolved.
@@ -174,7 +177,7 @@ class Trainer {
   void answer(const NonFiniteEvent& event, TrainState state);
   bool at_point() const;                   // whether the time budget must set the next point now
   void set_pace(bool any_change = false);  // see BudgetPace::advance()
-  void complete();
+  void complete(double seconds);
 
   const TimeSource& time_;
   Communicator& ranks_;

@@ -51,13 +51,16 @@ int WorkShare::iteration_at(double steps) const {
   for (const Piece& piece : left_)
     if (share > piece.from.share && share <= piece.to.share)
       if (const int nearest = piece.iteration_at(share); nearest <= piece.end.iteration) return nearest;
-  const auto piece = std::ranges::lower_bound(pieces_, share, {}, [](const Piece& p) { return p.end.share; });
+  const auto piece = std::ranges::find_if(pieces_, [&](const Piece& p) { return p.end.share >= share; });
   return (piece == pieces_.end() ? pieces_.back() : *piece).iteration_at(share);
 }
 
 double WorkShare::iterations_per_share(int iteration) const {
   if (pieces_.size() == 1) return iterations_;
-  const auto& [from, to, end] = piece_of(std::min(iteration, iterations_));
+  iteration = std::min(iteration, iterations_);
+  // The step back of a run that was continued after its end has no speed: take that of the next iteration.
+  if (const Piece& piece = piece_of(iteration); piece.to.share < piece.from.share) ++iteration;
+  const auto& [from, to, end] = piece_of(iteration);
   return (to.iteration - from.iteration) / (to.share - from.share);
 }
 

@@ -5,7 +5,8 @@
 // which are set during the run (host/train/time_budget.hpp). The share is linear between the points, and from
 // the last point to (iterations, 1). A run may leave its way to a point early, if it is given another time:
 // such a point is recorded with the iteration after which the run left, so that the shares up to there stay
-// the same bits.
+// the same bits. After a point of share 1, the share may fall: a finished run was continued, and repeats the
+// last part of its work.
 #pragma once
 
 #include <vector>
@@ -26,7 +27,8 @@ class WorkShare {
   int steps() const { return pieces_.size() == 1 ? iterations_ : kScheduleLength; }
   double steps_at(int iteration) const;
   // Returns the iteration that is nearest to this number of steps. For iterations up to the last point, the
-  // result does not change when points are added later.
+  // result does not change when points are added later. If the run passes this number of steps twice, because
+  // it was continued after its end, the result is the first iteration.
   int iteration_at(double steps) const;
   // Returns how many iterations the whole work would take at the speed of this iteration.
   double iterations_per_share(int iteration) const;

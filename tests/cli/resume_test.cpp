@@ -116,7 +116,26 @@ TEST_CASE("cli: the first Ctrl-C completes a run with a time budget, and the sec
   CHECK(early["test"]["iteration"] == early["iterations"]);
   CHECK_FALSE(fs::exists(folder / "early/checkpoint.ubs"));
   ubs_ok(folder, "train --data data --spec early/config.yaml --out again --quiet");
-  const bool same = get(folder / "early/model.ply") == get(folder / "again/model.ply");
+  bool same = get(folder / "early/model.ply") == get(folder / "again/model.ply");
+  CHECK(same);
+
+  // The run goes on where it was completed early, and after its regular end with the last part once more.
+  CHECK_THAT(run.out, Contains("longer   ubs train --resume early --budget +5m"));
+  check_error(folder, "train --resume early", 2, "early: this run is finished: pass the time");
+  const int completed = early["ended_early"]["iteration"].get<int>();
+  const Result on = ubs_ok(folder, "train --resume early --budget +1s");
+  CHECK_THAT(on.out, Contains(fmt::format("resumed  at iteration {},", completed)));
+  const json whole = metrics("early");
+  CHECK(whole["ended_early"].is_null());
+  const Result longer = ubs_ok(folder, "train --resume early --budget +1s");
+  const json last = metrics("early");
+  CHECK_THAT(longer.out, Contains(fmt::format("resumed  at iteration {},", whole["iterations"].get<int>())));
+  CHECK(last["iterations"].get<int>() > whole["iterations"].get<int>());
+  CHECK(last["seconds"].get<double>() > whole["seconds"].get<double>());
+  CHECK(last["test"]["iteration"] == last["iterations"]);
+  CHECK_FALSE(fs::exists(folder / "early/checkpoint.ubs"));
+  ubs_ok(folder, "train --data data --spec early/config.yaml --out longer --quiet");
+  same = get(folder / "early/model.ply") == get(folder / "longer/model.ply");
   CHECK(same);
 
   // The signal comes with every row of the log. Until half a second after the first one, it is the same one.

@@ -105,8 +105,7 @@ TEST_CASE("fast settings: with direct conditioning, rates of dynamic scenes fall
   CHECK(share(4, 0.15) == 0.6);
   CHECK(share(7, 0.3) == 0.3);
   CHECK(share(7, 0.15, Conditioning::covariance) == 0.15);
-  CHECK(fast_run_splats(2000, 0, false) == 24000);
-  CHECK(fast_run_splats(2000, 0, true) == 20000);
+  CHECK(fast_run_splats(2000, 0) == 24000);
 }
 
 TEST_CASE("fast settings: dependence on the images", "[schedule]") {

@@ -375,6 +375,60 @@ TEST_CASE("time budget: a run that ends early can be repeated, and resumed from 
   }
 }
 
+TEST_CASE("time budget: a finished run goes on for a time, and can be repeated", "[budget]") {
+  const test::Data data = test::synthetic("glossy", 32, 4);
+  const TrainSettings settings = budgeted_settings();
+  TimeBudget budget = small_budget();
+  budget.first_iterations = settings.iterations;
+  for (const auto& device : devices_under_test()) {
+    Trained run = train_in_time(*device, data, settings, [](int) { return 0.1; });
+    Trainer first(*device, run.settings, data.train, test::kNone, test::start(settings));
+    first.run([](const StepReport&) { return true; });
+    TrainState state = first.state();
+    state.seconds = run.seconds;
+
+    test::SimulatedTime time;
+    Trainer trainer(*device, run.settings, data.train, test::kNone, test::start(settings), alone(), time);
+    trainer.restore(state);
+    budget.seconds = run.seconds + 20;
+    trainer.keep_to(budget);
+    trainer.go_on_for(20);
+    double end = 0;
+    time.advance(0.1);
+    trainer.run([&](const StepReport& report) {
+      CHECK(report.seconds_left >= 0);
+      CHECK(report.share >= kLastPart);
+      end = report.seconds;
+      time.advance(0.1);
+      return true;
+    });
+    const TrainSettings ended = trainer.settings();
+    INFO(ended.iterations << " iterations, " << end << " s, " << ended.work_shares);
+    validate(ended);
+    CHECK(end == Approx(run.seconds + 20).margin(0.4));
+    CHECK(ended.iterations > run.settings.iterations + 150);
+    CHECK(ended.work_shares.starts_with(run.settings.work_shares + ","));
+    CHECK(trainer.splats() == run.splats);
+    Trainer again(*device, ended, data.train, test::kNone, test::start(settings));
+    again.run([](const StepReport&) { return true; });
+    CHECK(test::same_bits(again.model().values, trainer.model().values));
+    CHECK_FALSE(test::same_bits(again.model().values, run.model.values));
+  }
+}
+
+TEST_CASE("time budget: a run without time has a valid last point", "[budget]") {
+  TrainSettings settings = fast_settings();
+  settings.iterations = 136;
+  settings.work_shares = "36:0.999999";  // at the end of a budget that was much too long for the work
+  TimeBudget budget = budget_of(10);
+  budget.most_iterations = 16000;
+  BudgetPace pace(budget, settings, views_of(800), 9000);
+  pace.begin(WorkShare(settings), 36, 20, 0);
+  pace.advance(settings, 36, 20, 0);
+  validate(settings);
+  CHECK(share_points(settings).back().share == 1);
+}
+
 TEST_CASE("time budget: splats for which there is no time are not added", "[budget]") {
   const test::Data data = test::synthetic("glossy", 32, 4);
   const TrainSettings settings = budgeted_settings();

@@ -53,6 +53,23 @@ std::vector<PyramidLevel> levels_of(const TrainSettings& settings) {
 
 }  // namespace
 
+TEST_CASE("work share: a finished run that was continued repeats the last part", "[schedule]") {
+  const std::string first = "60:0.5,100:1";
+  const WorkShare before(settings_of(100, first)), work(settings_of(200, first + ",101:0.85,150:0.9"));
+  for (int i = 1; i <= 100; ++i) CHECK(work.at(i) == before.at(i));
+  CHECK(work.at(101) == 0.85);
+  CHECK(work.at(150) == 0.9);
+  CHECK(work.at(200) == 1);
+  for (const double share : {0.3, 0.5, 0.85, 0.95, 1.0})
+    CHECK(work.iteration_at(share * work.steps()) == before.iteration_at(share * before.steps()));
+  CHECK(work.iterations_per_share(101) == Approx(49 / 0.05));  // the speed of the next iterations
+  const Schedule schedule(settings_of(200, first + ",101:0.85,150:0.9"), 1000);
+  for (int i = 101; i <= 200; ++i) CHECK_FALSE(schedule.refines(i));
+
+  CHECK_THAT(message_of([] { WorkShare(settings_of(200, "60:0.5,100:0.4")); }, ErrorKind::usage),
+             Catch::Contains("the first invalid entry follows '60:0.5'"));
+}
+
 TEST_CASE("work share: without points it is proportional to the iterations", "[schedule]") {
   for (const int iterations : {1, 7, 1000, 16001, 30000}) {
     const TrainSettings settings = settings_of(iterations);

@@ -70,7 +70,7 @@ RunFolder::~RunFolder() {
 }
 
 std::vector<fs::path> RunFolder::files() const {
-  std::vector<fs::path> files{model(), checkpoint(), metrics(), config_file(), log_file()};
+  std::vector<fs::path> files{model(), checkpoint(), continuation(), metrics(), config_file(), log_file()};
   for (const char* name : kRunCameraFiles) files.push_back(cameras() / name);
   return files;
 }
@@ -154,12 +154,12 @@ void RunFolder::resume(TrainSettings settings, int iteration) {
 
 std::string RunFolder::first_row() const { return first_row_of(rows_); }
 
-void RunFolder::check_same_run(const Checkpoint& checkpoint) const {
+void RunFolder::check_same_run(const Checkpoint& checkpoint, const fs::path& from) const {
   const auto refuse = [&](const fs::path& file, const std::string& why) {
     fail(ErrorKind::data,
          "{}: belongs to another run than {} in the same folder ({}): move it into the folder of its run, or "
          "delete that file",
-         this->checkpoint().string(), file.filename().string(), why);
+         from.string(), file.filename().string(), why);
   };
   if (path_exists(log_file())) {
     const std::string row = first_row_of(read_text_file(log_file()));
@@ -253,6 +253,12 @@ void RunFolder::save_cameras(Trainer& trainer, const Split& train, const Split& 
 void RunFolder::remove_checkpoint() {
   if (!writes_) return;
   remove_path(checkpoint());
+  sync_folder(folder_);
+}
+
+void RunFolder::keep_checkpoint() {
+  if (!writes_ || !path_exists(checkpoint())) return;
+  rename_path(checkpoint(), continuation());
   sync_folder(folder_);
 }
 

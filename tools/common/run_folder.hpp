@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // RunFolder is the output folder of a training run. During the run it contains config.yaml, log.csv and
-// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/. If the run refines
-// cameras, it also contains cameras/. All files except the log are written atomically. With --overwrite, a
+// checkpoint.ubs. At the end it also contains model.ply, metrics.json and renders/, and continue.ubs in place
+// of checkpoint.ubs if the run can go on. If the run refines cameras, it also contains cameras/. All files except the log are written atomically. With --overwrite, a
 // run replaces files of these names and removes the renders that the metrics.json of an earlier run lists; it
 // does not touch other files.
 #pragma once
@@ -48,7 +48,8 @@ class RunFolder {
   // Returns the first row of log.csv; empty if there is none yet.
   std::string first_row() const;
   // Throws Error(data) if config.yaml or log.csv in the folder belong to another run than the checkpoint.
-  void check_same_run(const Checkpoint& checkpoint) const;
+  // `from` is the file of the checkpoint.
+  void check_same_run(const Checkpoint& checkpoint, const std::filesystem::path& from) const;
   // Ensures that all rows so far are on the disk. Throws Error(data) if some cannot be written.
   void sync_log();
   void save_model(const SplatModel& model, std::span<const std::string> comments = {});
@@ -66,10 +67,14 @@ class RunFolder {
   std::size_t save_renders(Trainer& trainer, const Split& split, int count);
   // Called as the last step of a run: while there is a checkpoint, the end of the run can be repeated.
   void remove_checkpoint();
+  // Renames checkpoint.ubs to continue.ubs. An ended run can go on from there with another time budget.
+  // Does nothing if there is no checkpoint.
+  void keep_checkpoint();
 
   const std::filesystem::path& path() const { return folder_; }
   std::filesystem::path model() const { return folder_ / "model.ply"; }
   std::filesystem::path checkpoint() const { return folder_ / "checkpoint.ubs"; }
+  std::filesystem::path continuation() const { return folder_ / "continue.ubs"; }
   std::filesystem::path metrics() const { return folder_ / "metrics.json"; }
   std::filesystem::path renders() const { return folder_ / "renders"; }
   std::filesystem::path cameras() const { return folder_ / "cameras"; }  // refined cameras

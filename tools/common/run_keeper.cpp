@@ -10,11 +10,16 @@ namespace ubs::tools {
 
 namespace fs = std::filesystem;
 
-Checkpoint open_checkpoint(const fs::path& folder) {
+Checkpoint open_checkpoint(const fs::path& folder, bool more_time) {
   const RunFolder run(folder);
-  if (path_exists(run.checkpoint())) {
-    Checkpoint checkpoint = read_checkpoint(run.checkpoint());
-    run.check_same_run(checkpoint);
+  const fs::path file = path_exists(run.checkpoint()) ? run.checkpoint() : run.continuation();
+  if (path_exists(file)) {
+    if (file == run.continuation() && !more_time)
+      fail(ErrorKind::usage,
+           "{}: this run is finished: pass the time for which it goes on, such as --budget +5m",
+           folder.string());
+    Checkpoint checkpoint = read_checkpoint(file);
+    run.check_same_run(checkpoint, file);
     return checkpoint;
   }
   if (path_exists(run.model()))
