@@ -46,24 +46,60 @@ Patch::Patch(const GreyPicture& from, const Pixel& at)
   plain_ = !normalise(values_);
 }
 
-double Patch::agreement(const GreyPicture& other, double depth) const {
-  if (plain_) return -1;
+// The samples of the patch at a depth d project to (x, y, z) + shift / d in the image of another camera, in
+// homogeneous pixels. Only the shift depends on the depth.
+Patch::Projected Patch::projected(const GreyPicture& other) const {
   const Camera &a = from_.camera, &b = other.camera;
-  // The corner of the patch, and one step along its rows and columns, in the coordinates of the other camera.
-  const Vec3 local[3] = {{(corner_[0] - a.cx) / a.fx * depth, (corner_[1] - a.cy) / a.fy * depth, depth},
-                         {from_.across / a.fx * depth, 0, 0},
-                         {0, from_.down / a.fy * depth, 0}};
   const RotationMatrix back = transposed(a.rotation);
-  const Vec3 there[3] = {rotated(b.rotation, rotated(back, local[0] - a.translation)) + b.translation,
-                         rotated(b.rotation, rotated(back, local[1])),
-                         rotated(b.rotation, rotated(back, local[2]))};
+  const auto in_other = [&](const Vec3& in_a) { return rotated(b.rotation, rotated(back, in_a)); };
+  const auto in_pixels = [&](const Vec3& p) {
+    return Vec3{(b.fx * p[0] + b.cx * p[2]) / other.across - 0.5 * p[2],
+                (b.fy * p[1] + b.cy * p[2]) / other.down - 0.5 * p[2], p[2]};
+  };
+  // The corner of the patch, one step along its rows, and one along its columns, at depth 1.
+  const Vec3 corner = in_pixels(in_other({(corner_[0] - a.cx) / a.fx, (corner_[1] - a.cy) / a.fy, 1}));
+  const Vec3 along = in_pixels(in_other({from_.across / a.fx, 0, 0}));
+  const Vec3 down = in_pixels(in_other({0, from_.down / a.fy, 0}));
+  const Vec3 shift = in_pixels(b.translation - in_other(a.translation));
+  Projected out{&other, {}, {}};
+  for (std::size_t k = 0; k < 3; ++k) {
+    out.shift[k] = static_cast<float>(shift[k]);
+    for (std::size_t i = 0; i < values_.size(); ++i)
+      out.samples[k][i] = static_cast<float>(corner[k] + static_cast<double>(i % kSide) * along[k] +
+                                             static_cast<double>(i / kSide) * down[k]);
+  }
+  return out;
+}
+
+double Patch::agreement(const Projected& other, double depth) const {
+  if (plain_) return -1;
+  const GreyPicture& picture = *other.picture;
+  const auto inverse = static_cast<float>(1 / depth);
+  const float x = other.shift[0] * inverse, y = other.shift[1] * inverse, z = other.shift[2] * inverse;
+  // These two loops are simple enough for the compiler to vectorise them.
+  Values columns, rows;
+  int outside = 0;
+  const auto right = static_cast<float>(picture.width - 1), bottom = static_cast<float>(picture.height - 1);
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const float w = other.samples[2][i] + z, inverse_w = 1 / w;
+    const float column = (other.samples[0][i] + x) * inverse_w, row = (other.samples[1][i] + y) * inverse_w;
+    columns[i] = column, rows[i] = row;
+    outside |= !(w > 0) | !(column >= 0) | !(row >= 0) | !(column < right) | !(row < bottom);
+  }
+  if (outside != 0) return -1;
+  std::array<int, kSide * kSide> first;
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const int c = static_cast<int>(columns[i]), r = static_cast<int>(rows[i]);
+    columns[i] -= static_cast<float>(c), rows[i] -= static_cast<float>(r);
+    first[i] = r * picture.width + c;
+  }
   Values seen;
   for (std::size_t i = 0; i < seen.size(); ++i) {
-    const Vec3 p =
-        there[0] + static_cast<double>(i % kSide) * there[1] + static_cast<double>(i / kSide) * there[2];
-    if (!(p[2] > 0)) return -1;
-    seen[i] = other.at(b.fx * p[0] / p[2] + b.cx, b.fy * p[1] / p[2] + b.cy);
-    if (seen[i] < 0) return -1;
+    const float* const top = picture.values.data() + first[i];
+    const float* const low = top + picture.width;
+    const float s = columns[i], upper = top[0] + s * (top[1] - top[0]),
+                lower = low[0] + s * (low[1] - low[0]);
+    seen[i] = upper + rows[i] * (lower - upper);
   }
   if (!normalise(seen)) return -1;
   float sum = 0;
@@ -74,12 +110,14 @@ double Patch::agreement(const GreyPicture& other, double depth) const {
 std::optional<double> Patch::best_depth(std::span<const GreyPicture* const> others, double near, double far,
                                         int count, double least) const {
   if (plain_ || others.empty()) return std::nullopt;
+  std::vector<Projected> views;
+  for (const GreyPicture* other : others) views.push_back(projected(*other));
   std::optional<double> best;
   for (int i = 0; i < count; ++i) {
     const double depth = 1 / (1 / far + (1 / near - 1 / far) * i / (count - 1));
     double first = -1, second = -1;
-    for (const GreyPicture* other : others) {
-      const double found = agreement(*other, depth);
+    for (const Projected& view : views) {
+      const double found = agreement(view, depth);
       second = std::max(second, std::min(first, found));
       first = std::max(first, found);
     }

@@ -39,7 +39,9 @@ class Patch {
   // Returns the correlation, at most 1, with the image that `other` shows of this patch, if the patch faces
   // this camera at `depth`. Returns -1 if `other` does not show the whole patch or has too little contrast
   // there.
-  double agreement(const GreyPicture& other, double depth) const;
+  double agreement(const GreyPicture& other, double depth) const {
+    return agreement(projected(other), depth);
+  }
   // Tries `count` depths, evenly spaced in 1/depth, and returns the depth with the highest agreement. The
   // agreement of a depth is the mean of the agreements with the two best images of `others`, or the agreement
   // with the only image. Returns nothing if no agreement is above `least`.
@@ -49,7 +51,15 @@ class Patch {
  private:
   static constexpr int kSide = 7;  // [pixels of the image]
   using Values = std::array<float, kSide * kSide>;
+  // The positions of the patch's pixels in another image, without the part that depends on the depth.
+  struct Projected {
+    const GreyPicture* picture;
+    std::array<Values, 3> samples;
+    std::array<float, 3> shift;
+  };
   static bool normalise(Values& values);
+  Projected projected(const GreyPicture& other) const;
+  double agreement(const Projected& other, double depth) const;
 
   const GreyPicture& from_;
   Pixel corner_;  // corner of the patch

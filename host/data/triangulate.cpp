@@ -102,7 +102,7 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
                    std::span<const SeenPoint> seen, std::size_t count, const CounterRandom& random,
                    std::uint64_t first_draw, PointCloud& out) {
   const Image8 image = view.load_image();
-  std::vector<std::pair<double, double>> around(seen.size());  // distance, depth
+  std::vector<std::pair<double, double>> around(seen.size());  // squared distance, depth
   const std::size_t near = std::min(kAround, seen.size());
   for (std::size_t n = 0; n < kTries * count && out.positions.size() < count; ++n) {
     const Pixel at{random.uniform(first_draw + n, 0) * image.width,
@@ -111,7 +111,8 @@ void place_between(const View& view, const GreyPicture& picture, std::span<const
     const Patch patch(picture, at);
     if (patch.plain() || (!image.mask.empty() && image.mask[pixel] == 0)) continue;
     std::ranges::transform(seen, around.begin(), [&](const SeenPoint& s) {
-      return std::pair(std::hypot(s.at[0] - at[0], s.at[1] - at[1]), s.depth);
+      const double x = s.at[0] - at[0], y = s.at[1] - at[1];
+      return std::pair(x * x + y * y, s.depth);
     });
     std::ranges::nth_element(around, around.begin() + static_cast<std::ptrdiff_t>(near - 1));
     const auto [nearest, farthest] =

@@ -73,7 +73,7 @@ TEST_CASE("outputs: a run replaces files with its names only with --overwrite") 
   const TempFolder other;
   fs::create_directory_symlink(folder / "data", other / "data");
   for (const char* name : {"model.ply", "metrics.json", "log.csv", "config.yaml", "checkpoint.ubs",
-                           "renders/r_001.png", "cameras/images.txt"}) {
+                           "continue.ubs", "renders/r_001.png", "cameras/images.txt"}) {
     INFO(name);
     fs::remove_all(other / "run");
     put(other / "run" / name, "precious");
