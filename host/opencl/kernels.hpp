@@ -94,13 +94,16 @@ inline constexpr Declared<void(const u32* order, const u32* tile_rects, const u3
     kTileScatter{"tile_scatter"};
 
 // ---- Tile lists by groups ----
-inline constexpr Declared<void(const u32* tile_counts, u32 count, u32 block, u64* sums)> kCountSums{
-    "count_sums"};
-inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32 block,
-                               const u64* sums, u32* visible_ids, u32* keys, u32* slot_offsets, u64* totals)>
+inline constexpr Declared<void(const u32* tile_counts, const u32* depth_keys, u32 count, u32* histogram,
+                               u64* sums)>
+    kCountSums{"count_sums"};
+inline constexpr Declared<void(u32* histogram, u32 blocks, u32* digits, u64* sums)> kCountRows{"count_rows"};
+inline constexpr Declared<void(u32* tile_counts, const u32* depth_keys, u32 count, const u32* offsets,
+                               const u32* digits, const u64* sums, u64 room, u32* keys, u32* ids,
+                               u32* slot_offsets, u64* totals, u32* drawn, u32* pairs)>
     kCountWrite{"count_write"};
 inline constexpr Declared<void(const u32* order, u32 most, const u32* counted, const u32* tile_rects,
-                               u32 block, u32* areas, u32* sums)>
+                               u32 block, u32* firsts, u32* sums)>
     kAreaSums{"area_sums"};
 inline constexpr Declared<void(const u32* keys, u32 most, const u32* counted, u32 shift, u32* histogram)>
     kRadixHistogram{"radix_histogram"};
@@ -109,10 +112,10 @@ inline constexpr Declared<void(const u32* keys, const u32* values, const u32* va
                                const u32* counted, u32 shift, const u32* offsets, const u32* totals,
                                u32* keys_out, u32* values_out, u32* values2_out)>
     kRadixScatter{"radix_scatter"};
-inline constexpr Declared<void(const u32* order, const u32* firsts, u32 most_drawn, const u32* drawn,
-                               u32 most_pairs, const u32* pairs, const u32* tile_rects,
-                               const u32* slot_offsets, u32 tiles_x, u32* tiles, u32* ids, u32* slots,
-                               u32* long_lists)>
+inline constexpr Declared<void(const u32* order, const u32* firsts, const u32* sums, u32 block,
+                               u32 most_drawn, const u32* drawn, u32 most_pairs, const u32* pairs,
+                               const u32* tile_rects, const u32* slot_offsets, u32 tiles_x, u32* tiles,
+                               u32* ids, u32* slots, u32* histogram, u32* long_lists)>
     kEmitIntersections{"emit_intersections"};
 inline constexpr Declared<void(const u32* tiles_sorted, u32 most_pairs, const u32* pairs, u32 tiles,
                                u32* tile_ranges, u32* long_lists)>

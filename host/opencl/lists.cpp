@@ -40,8 +40,9 @@ constexpr Digits kOfFew{stage_sizes::kDigitOfFew, 13},
 Digits digits(std::uint32_t splats) { return splats < stage_sizes::kManySplats ? kOfFew : kOfMany; }
 
 ProgramSpec list_program(const KernelConfig& config) {
-  ProgramSpec spec{{"opencl/group_scan.cl", "map/tile_rect.h", "map/lists.cl", "opencl/tile_lists.cl"},
-                   {"-DUBS_SUM=ulong"}};
+  ProgramSpec spec{
+      {"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_block.h", "opencl/tile_lists.cl"},
+      {"-DUBS_SUM=ulong"}};
   if (config.raster == RasterKind::cpu)
     spec = {{"map/tile_rect.h", "map/lists.cl", "opencl/tile_list_chunks.cl"}, {}};
   if (!config.backward) spec.options.push_back("-DUBS_FORWARD_ONLY=1");
@@ -59,7 +60,8 @@ Lists::Lists(OpenclDevice& device, const KernelConfig& config)
       core_groups_(device, chunks_ ? cores_for_groups(device) : 0),
       kernels_(device, core_groups_.program(list_program(config))),
       radix_(device,
-             {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_sort.cl"}, {"-DUBS_SUM=uint"}}),
+             {{"opencl/group_scan.cl", "map/tile_rect.h", "opencl/radix_block.h", "opencl/radix_sort.cl"},
+              {"-DUBS_SUM=uint"}}),
       scan_(device, config) {}
 
 template <typename T>
@@ -207,21 +209,27 @@ void Lists::scan_columns(std::size_t chunks, std::uint32_t bins, BufferView<std:
 
 // ---- GPUs: groups -------------------------------------------------------------------------------
 
+// The kernels are also the first pass of the depth sort: they read each key where the projection has written
+// it, and leave out the splats that are not visible.
 ListTotals Lists::count_by_groups(const CountLists& lists) {
   const bool waits = lists.totals.size == 0;
-  const Blocks blocks = scan_.blocks(lists.count);
-  reserve(device_, sums_, "tile list sums", 2 * blocks.count);
+  const Blocks blocks = group_blocks(lists.count);
+  const BufferView<std::uint32_t> histogram = scratch_histogram(blocks);
+  reserve(device_, sums_, "tile list sums", blocks.count + 1);
   if (waits) reserve(device_, totals_, "tile list totals", 2);
-  kernels_[kCountSums](blocks.global(), blocks.group(), lists.tile_counts, lists.count, blocks.size,
-                       sums_.view());
+  if (!waits)
+    for (Words* words : {&drawn_, &pairs_}) reserve(device_, *words, "tile list sums", 1);
+  kernels_[kCountSums](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
+                       histogram, sums_.view());
+  kernels_[kCountRows](Range{(kDigits + 1) * kGroupSize}, kListGroup, histogram,
+                       static_cast<std::uint32_t>(blocks.count), digits_.view(), sums_.view());
   kernels_[kCountWrite](blocks.global(), blocks.group(), lists.tile_counts, lists.depth_keys, lists.count,
-                        blocks.size, sums_.view(), scratch(visible_, lists.count),
-                        scratch(visible_keys_, lists.count), lists.slot_offsets,
-                        waits ? totals_.view() : lists.totals);
-  if (!waits) {
-    fit(lists, blocks);
-    return {lists.count, lists.room};
-  }
+                        histogram, digits_.view(), sums_.view(), lists.room, scratch(keys_a_, lists.count),
+                        scratch(ids_a_, lists.count), lists.slot_offsets,
+                        waits ? totals_.view() : lists.totals,
+                        waits ? BufferView<std::uint32_t>{} : drawn_.view(),
+                        waits ? BufferView<std::uint32_t>{} : pairs_.view());
+  if (!waits) return {lists.count, lists.room};
   std::array<std::uint64_t, 2> totals{};
   totals_.download(std::span<std::uint64_t>(totals));
   return {totals[0], totals[1]};
@@ -229,12 +237,10 @@ ListTotals Lists::count_by_groups(const CountLists& lists) {
 
 BufferView<std::uint32_t> Lists::depth_order_by_groups(const Job& job) {
   const std::uint32_t most = job.drawn.most;
-  Pairs from{visible_keys_.view(), visible_.view(), {}};
+  Pairs from{keys_a_.view(), ids_a_.view(), {}};
   Pairs to{scratch(keys_b_, most), scratch(ids_b_, most), {}};
-  const Pairs spare{scratch(keys_a_, most), scratch(ids_a_, most), {}};
-  for (std::uint32_t shift = 0; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
-    radix_pass(from, to, job.drawn, shift);
-    if (shift == 0) from = spare;  // the input must not be overwritten
+  for (std::uint32_t shift = stage_sizes::kRadixBits; shift < kKeyBits; shift += stage_sizes::kRadixBits) {
+    radix_pass(from, to, job.drawn, shift, false);
     std::swap(from, to);
   }
   return from.values;
@@ -245,12 +251,11 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const auto tiles = static_cast<std::uint32_t>(lists.shape.tiles());
   const auto tiles_x = static_cast<std::uint32_t>(lists.shape.tiles_x());
   const std::uint32_t drawn = job.drawn.most, pairs = job.pairs.most;
-  const BufferView<std::uint32_t> firsts = scratch(starts_, grid(drawn).x + 1);
-  const Blocks blocks = scan_.blocks(drawn);
-  const BufferView<std::uint32_t> sums = scratch(area_sums_, blocks.count);
-  kernels_[kAreaSums](blocks.global(), blocks.group(), order, job.drawn.most, job.drawn.counted,
-                      lists.tile_rects, blocks.size, firsts, sums);
-  scan_.exclusive_of_sums(firsts, sums, firsts, drawn);
+  const BufferView<std::uint32_t> firsts = scratch(starts_, drawn);
+  const Blocks areas = scan_.blocks(drawn);
+  const BufferView<std::uint32_t> sums = scratch(area_sums_, areas.count);
+  kernels_[kAreaSums](areas.global(), areas.group(), order, job.drawn.most, job.drawn.counted,
+                      lists.tile_rects, areas.size, firsts, sums);
 
   Pairs from{scratch(tiles_a_, pairs), lists.sorted_ids, lists.sorted_slots};
   Pairs to{scratch(tiles_b_, pairs), scratch(pair_ids_, pairs),
@@ -258,25 +263,32 @@ void Lists::place_by_groups(const Job& job, BufferView<std::uint32_t> order) {
   const auto bits = static_cast<std::uint32_t>(std::bit_width(tiles - 1));
   // An even number of passes ends in the buffers it started in, an odd number in the other ones.
   if ((bits + stage_sizes::kRadixBits - 1) / stage_sizes::kRadixBits % 2 == 1) std::swap(from, to);
-  kernels_[kEmitIntersections](grid(pairs), kListGroup, order, firsts, job.drawn.most, job.drawn.counted,
-                               job.pairs.most, job.pairs.counted, lists.tile_rects, lists.slot_offsets,
-                               tiles_x, from.keys, from.values, from.values2, lists.long_lists);
+  const Blocks blocks = group_blocks(pairs);
+  kernels_[kEmitIntersections](blocks.global(), blocks.group(), order, firsts, sums, areas.size,
+                               job.drawn.most, job.drawn.counted, job.pairs.most, job.pairs.counted,
+                               lists.tile_rects, lists.slot_offsets, tiles_x, from.keys, from.values,
+                               from.values2, scratch_histogram(blocks), lists.long_lists);
   for (std::uint32_t shift = 0; shift < bits; shift += stage_sizes::kRadixBits) {
-    radix_pass(from, to, job.pairs, shift);
+    radix_pass(from, to, job.pairs, shift, shift == 0);
     std::swap(from, to);
   }
   kernels_[kFindRanges](grid(tiles + std::uint64_t{1}), kListGroup, from.keys, job.pairs.most,
                         job.pairs.counted, tiles, lists.tile_ranges, lists.long_lists);
 }
 
-void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift) {
+BufferView<std::uint32_t> Lists::scratch_histogram(const Blocks& blocks) {
+  reserve(device_, digits_, "digits", kDigits);
+  return scratch(histogram_, blocks.count * kDigits);
+}
+
+void Lists::radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift,
+                       bool has_histogram) {
   if (count.most == 0) return;
   const Blocks blocks = group_blocks(count.most);
-  const std::size_t bins = blocks.count << stage_sizes::kRadixBits;
-  const BufferView<std::uint32_t> histogram = scratch(histogram_, bins);
-  reserve(device_, digits_, "digits", kDigits);
-  radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
-                          histogram);
+  const BufferView<std::uint32_t> histogram = scratch_histogram(blocks);
+  if (!has_histogram)
+    radix_[kRadixHistogram](blocks.global(), blocks.group(), from.keys, count.most, count.counted, shift,
+                            histogram);
   radix_[kRadixRows](Range{kDigits * kGroupSize}, kListGroup, histogram,
                      static_cast<std::uint32_t>(blocks.count), digits_.view());
   radix_[kRadixScatter](blocks.global(), blocks.group(), from.keys, from.values, from.values2, count.most,

@@ -2,11 +2,11 @@
 // Lists builds the tile lists (CountLists and BuildLists of host/device/stages.hpp). It sorts the visible
 // splats by depth, then distributes them over the tiles with a stable pass, so that every list is ordered by
 // (depth, index).
-// With RasterKind::cpu one work-item processes a chunk of elements, a counting pass sorts by tile, and
-// CountLists already starts the sort. With RasterKind::gpu work-groups with local memory write the
-// intersections, and a radix sort sorts them by tile. The results are bit-identical. Only CountLists waits
-// for the device. It does not wait if the totals stay on the device; then buffers and launches are sized for
-// upper bounds, and the kernels read the actual numbers.
+// With RasterKind::cpu one work-item processes a chunk of elements, and a counting pass sorts by tile. With
+// RasterKind::gpu work-groups with local memory write the intersections, and a radix sort sorts them by tile.
+// In both cases CountLists already starts the depth sort. The results are bit-identical. Only CountLists
+// waits for the device. It does not wait if the totals stay on the device; then buffers and launches are
+// sized for upper bounds, and the kernels read the actual numbers.
 #pragma once
 
 #include <array>
@@ -61,7 +61,10 @@ class Lists {
   ListTotals count_by_groups(const CountLists& lists);
   BufferView<std::uint32_t> depth_order_by_groups(const Job& job);
   void place_by_groups(const Job& job, BufferView<std::uint32_t> order);
-  void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift);
+  BufferView<std::uint32_t> scratch_histogram(const Blocks& blocks);
+  // has_histogram: the histogram has been computed already.
+  void radix_pass(const Pairs& from, const Pairs& to, const ElementCount& count, std::uint32_t shift,
+                  bool has_histogram);
 
   OpenclDevice& device_;
   bool chunks_;
@@ -70,7 +73,7 @@ class Lists {
   Scan scan_;
   Buffer<std::uint64_t> sums_, totals_;
   Words drawn_, pairs_;  // one element each; only used with upper bounds
-  Words visible_, histogram_, starts_, ids_a_;
+  Words histogram_, starts_, ids_a_;
   // The next three lines are for chunks only. CountLists writes the sums of the chunks to chunk_sums_, and
   // (key, index) of the visible splats to counted_, sorted by the first digit of the key, which has
   // first_bits_ bits. The later passes of the sort write to pairs_a_ and pairs_b_. least_ and largest_ are
@@ -78,7 +81,7 @@ class Lists {
   Buffer<ChunkSums> chunk_sums_;
   Buffer<std::uint64_t> counted_, pairs_a_, pairs_b_;
   std::uint32_t first_bits_ = 0, least_ = 0, largest_ = 0;
-  Words visible_keys_, keys_a_, keys_b_, ids_b_;     // groups only
+  Words keys_a_, keys_b_, ids_b_;                    // groups only
   Words digits_, area_sums_;                         // groups only
   Words tiles_a_, tiles_b_, pair_ids_, pair_slots_;  // groups only, one element per intersection
 };

@@ -89,11 +89,5 @@ void Scan::exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out
 void Scan::exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out, std::uint32_t count) {
   run(wide_, in, out, count, sums_wide_);
 }
-void Scan::exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums,
-                             BufferView<std::uint32_t> out, std::uint32_t count) {
-  const Blocks blocks = this->blocks(count);
-  narrow_[kScanWrite<std::uint32_t, std::uint32_t>](blocks.global(), blocks.group(), in, count, blocks.size,
-                                                    sums, out);
-}
 
 }  // namespace ubs::opencl

@@ -48,9 +48,6 @@ class Scan {
   void exclusive(BufferView<std::uint32_t> in, BufferView<std::uint64_t> out, std::uint32_t count);
   void exclusive(BufferView<std::uint64_t> in, BufferView<std::uint64_t> out,
                  std::uint32_t count);  // `out` may be `in`
-  // The same if the sums of blocks(count) have been computed already.
-  void exclusive_of_sums(BufferView<std::uint32_t> in, BufferView<std::uint32_t> sums,
-                         BufferView<std::uint32_t> out, std::uint32_t count);
 
  private:
   template <typename In, typename Out>

@@ -67,10 +67,11 @@ class Planner {
     per_splat("depth keys, tile rects and counts", kWord * 4);
     if (q_.training) per_splat("slot offsets", kWord);
     // With few splats, CPUs sort in two passes. The first writes keys with splats and the second writes
-    // splats (3 words). From kManySplats on, and on GPUs, more passes alternate between two buffers of keys
-    // with splats (5 words).
+    // splats (3 words). From kManySplats on, and with CUDA, more passes alternate between two buffers of keys
+    // with splats (5 words). On OpenCL GPUs these two are all (4 words).
     const bool two_passes = q_.raster == RasterKind::cpu && few();
-    per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : 5));
+    const bool in_groups = q_.raster == RasterKind::gpu && !q_.sorts_by_copying;
+    per_splat("depth sort: keys and splats", kWord * (two_passes ? 3 : in_groups ? 4 : 5));
     if (q_.training && q_.refinement) per_splat("mcmc weights, copies, sources, prefix", kWord * 4);
   }
 

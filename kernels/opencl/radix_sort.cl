@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// One pass of a least-significant-digit radix sort for GPUs, with 8 bits per pass. One work-group processes a block of
-// kRadixBlock elements. Order of the kernels: histogram of (digit, block) -> prefix sums along its rows -> scatter.
+// One pass of a radix sort for GPUs. Order of the kernels: histogram of (digit, block) -> prefix sums along its rows ->
+// scatter. The first pass of each sort is combined with the kernels that make its keys (tile_lists.cl).
 // The sort is stable: ranks inside a block come from prefix sums in element order and never depend on the order of
 // atomics.
-enum {
-  kRadixItems = 8,
-  kRadixBlock = kGroup * kRadixItems,
-  kRadixBins = 256,  // one per work-item
-  kNibble = 16,
-};
 
 // Atomics are only used to count; counts do not depend on the order.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogram(
@@ -20,7 +14,7 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_histogra
   const size_t end = min(begin + kRadixBlock, (size_t)count);
   bins[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (size_t i = begin + me; i < end; i += kGroup) atomic_inc(&bins[(keys[i] >> shift) & 0xffu]);
+  for (size_t i = begin + me; i < end; i += kGroup) atomic_inc(&bins[(keys[i] >> shift) & kRadixMask]);
   barrier(CLK_LOCAL_MEM_FENCE);
   histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
@@ -42,38 +36,9 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_rows(
   if (me == 0) totals[get_group_id(0)] = running;
 }
 
-// Sorts the entries of a block (digit << 16 | place in the block) by four of their bits; the sort is stable. Each
-// work-item has kRadixItems consecutive entries and one counter per nibble. A prefix sum over the counters in the order
-// (nibble, work-item) gives the rank of every entry.
-UBS_FN void sort_block(__local uint* entries, __local ushort* counters, __local uint* scratch,
-                             uint shift) {
-  const uint me = (uint)get_local_id(0);
-  uint mine[kRadixItems];
-  for (uint k = 0; k < kNibble; k++) counters[k * kGroup + me] = 0;
-  for (uint k = 0; k < kRadixItems; k++) {
-    mine[k] = entries[me * kRadixItems + k];
-    counters[((mine[k] >> shift) & 15u) * kGroup + me]++;
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  uint sum = 0;
-  for (uint k = 0; k < kNibble; k++) sum += counters[me * kNibble + k];
-  uint total;
-  uint running = group_exclusive(sum, scratch, &total);
-  for (uint k = 0; k < kNibble; k++) {
-    const uint value = counters[me * kNibble + k];
-    counters[me * kNibble + k] = (ushort)running;
-    running += value;
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint k = 0; k < kRadixItems; k++)
-    entries[counters[((mine[k] >> shift) & 15u) * kGroup + me]++] = mine[k];
-  barrier(CLK_LOCAL_MEM_FENCE);
-}
-
-// offsets, totals: results of radix_rows. The block is first sorted by digit in local memory, by the low nibble and
-// then by the high one, so that equal digits are written as one run. Only digit and place move there; keys and payloads
-// are read from the block, which is still in the cache. The second payload is optional: either both of its pointers
-// are set, or both are null.
+// offsets, totals: results of radix_rows. Only digit and place move in local memory; keys and payloads are read from
+// the block, which is still in the cache. The second payload is optional: either both of its pointers are set, or both
+// are null.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
     __global const uint* keys, __global const uint* values, __global const uint* values2, uint most,
     __global const uint* counted, uint shift, __global const uint* offsets, __global const uint* totals,
@@ -82,32 +47,24 @@ __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void radix_scatter(
   __local uint entries[kRadixBlock];
   __local ushort counters[kNibble * kGroup];
   __local uint scratch[kScanRoom];
-  __local uint destination[kRadixBins];  // global offset of the digit minus its first place in the block
+  __local uint bins[kRadixBins];
   const uint me = (uint)get_local_id(0);
   const size_t begin = get_group_id(0) * kRadixBlock;
   if (begin >= count) return;  // with `counted`: beyond the number of elements
   const uint size = (uint)min((size_t)kRadixBlock, count - begin);
 
-  destination[me] = 0;
+  bins[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint i = me; i < kRadixBlock; i += kGroup) {
     // Padding gets the largest digit and comes after all real entries, so it is sorted to the end.
-    const uint digit = i < size ? (keys[begin + i] >> shift) & 0xffu : 0xffu;
+    const uint digit = i < size ? (keys[begin + i] >> shift) & kRadixMask : kRadixMask;
     entries[i] = digit << 16 | i;
-    if (i < size) atomic_inc(&destination[digit]);
+    if (i < size) atomic_inc(&bins[digit]);
   }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  uint total;
-  const uint first = group_exclusive(destination[me], scratch, &total);
-  const uint smaller = group_exclusive(totals[me], scratch, &total);
-  destination[me] = smaller + offsets[me * get_num_groups(0) + get_group_id(0)] - first;
-  barrier(CLK_LOCAL_MEM_FENCE);
-
-  sort_block(entries, counters, scratch, 16);
-  sort_block(entries, counters, scratch, 20);
+  place_block(entries, counters, scratch, bins, offsets, totals);
 
   for (uint i = me; i < size; i += kGroup) {
-    const uint to = destination[entries[i] >> 16] + i;
+    const uint to = bins[entries[i] >> 16] + i;
     const size_t from = begin + (entries[i] & 0xffffu);
     keys_out[to] = keys[from];
     values_out[to] = values[from];

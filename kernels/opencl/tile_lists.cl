@@ -1,106 +1,199 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists for GPUs: the stages around scan.cl and radix_sort.cl. They select the visible splats, write (tile, splat,
-// slot) in depth order with one work-item per intersection, and find the first intersection of each tile.
+// Tile lists for GPUs: the stages around radix_sort.cl. They select the visible splats, write (tile, splat, slot) in
+// depth order, and find the first intersection of each tile. The first pass of each sort is a part of them.
 
-// The number of visible splats of a block and the number of their tiles, packed into one value so that one sum over the
-// group is enough. A block has 2048 splats with less than 2^32 tiles.
-UBS_FN ulong one_drawn(void) { return 1ul << 44; }
-UBS_FN ulong packed_counts(__global const uint* tile_counts, size_t i) {
-  const uint tiles = tile_counts[i];
-  return tiles > 0 ? one_drawn() + tiles : 0;
-}
-
-// sums[block] = number of visible splats, sums[blocks + block] = number of their tiles.
+// Counts the digits of the depth keys of a block's visible splats for the first pass of the sort (histogram as by
+// radix_histogram), and their tiles: sums[block].
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_sums(
-    __global const uint* tile_counts, uint count, uint block, __global ulong* sums) {
+    __global const uint* tile_counts, __global const uint* depth_keys, uint count, __global uint* histogram,
+    __global ulong* sums) {
   __local ulong scratch[kScanRoom];
+  __local uint bins[kRadixBins];
   const uint me = (uint)get_local_id(0);
-  const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)count);
+  const size_t begin = get_group_id(0) * kRadixBlock, end = min(begin + kRadixBlock, (size_t)count);
+  bins[me] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
   ulong mine = 0;
-  for (size_t i = begin + me; i < end; i += kGroup) mine += packed_counts(tile_counts, i);
+  for (size_t i = begin + me; i < end; i += kGroup) {
+    const uint tiles = tile_counts[i];
+    mine += tiles;
+    if (tiles > 0) atomic_inc(&bins[depth_keys[i] & kRadixMask]);
+  }
   ulong total;
   group_exclusive(mine, scratch, &total);
-  if (me == 0) {
-    sums[get_group_id(0)] = total / one_drawn();
-    sums[get_num_groups(0) + get_group_id(0)] = total % one_drawn();
-  }
+  if (me == 0) sums[get_group_id(0)] = total;
+  histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
-// sums: result of count_sums. keys: depth keys of the visible splats, to be sorted. totals: numbers of visible splats
-// and of intersections.
-__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
-    __global const uint* tile_counts, __global const uint* depth_keys, uint count, uint block,
-    __global const ulong* sums, __global uint* visible_ids, __global uint* keys, __global uint* slot_offsets,
-    __global ulong* totals) {
+// Like radix_rows, with one more group that replaces `sums` by their exclusive prefix sums: sums[blocks] is the total.
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_rows(
+    __global uint* histogram, uint blocks, __global uint* digits, __global ulong* sums) {
   __local ulong scratch[kScanRoom];
-  const uint me = (uint)get_local_id(0), items = block / kGroup;
+  const uint me = (uint)get_local_id(0), group = (uint)get_group_id(0);
+  const int of_digit = group < kRadixBins;
+  __global uint* row = histogram + (size_t)group * blocks;  // of a digit
+  ulong running = 0;
+  for (uint begin = 0; begin < blocks; begin += kGroup) {
+    const uint i = begin + me;
+    ulong mine = 0, total;
+    if (i < blocks) mine = of_digit ? row[i] : sums[i];
+    const ulong before = running + group_exclusive(mine, scratch, &total);
+    if (i < blocks && of_digit) row[i] = (uint)before;
+    if (i < blocks && !of_digit) sums[i] = before;
+    running += total;
+  }
+  if (me > 0) return;
+  if (of_digit)
+    digits[group] = (uint)running;
+  else
+    sums[blocks] = running;
+}
+
+// The number of visible splats and the number of their tiles, packed into one value so that one sum over the group is
+// enough. A block has 2048 splats with less than 2^32 tiles each.
+UBS_FN ulong one_drawn(void) { return 1ul << 44; }
+UBS_FN ulong packed_counts(uint tiles) { return tiles > 0 ? one_drawn() + tiles : 0; }
+
+// Writes the keys and indices of the visible splats, sorted by the first digit of the key, and where the slots of each
+// splat begin. offsets, digits, sums: results of count_rows. totals: numbers of visible splats and of intersections.
+// `drawn` and `pairs` are null if the host waits for the totals. Otherwise they receive the same numbers, for the
+// kernels that follow, unless there are more intersections than `room`: then they are 0 and all tile counts are
+// cleared, as fit_lists does.
+__kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void count_write(
+    __global uint* tile_counts, __global const uint* depth_keys, uint count, __global const uint* offsets,
+    __global const uint* digits, __global const ulong* sums, ulong room, __global uint* keys, __global uint* ids,
+    __global uint* slot_offsets, __global ulong* totals, __global uint* drawn, __global uint* pairs) {
+  __local uint entries[kRadixBlock];
+  __local ushort counters[kNibble * kGroup];
+  __local ulong scratch[kScanRoom];
+  __local uint bins[kRadixBins];
+  const uint me = (uint)get_local_id(0);
   const size_t group = get_group_id(0), blocks = get_num_groups(0);
-  const size_t begin = group * block + (size_t)me * items, end = min(begin + items, (size_t)count);
-  ulong mine = 0;
-  for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts, i);
-  ulong total;
+  const size_t block = group * kRadixBlock, begin = block + me * kRadixItems;
+  const size_t end = min(begin + kRadixItems, (size_t)count);
+  const ulong tiles = sums[blocks];
+  const int fits = !drawn || tiles <= room;
+  ulong mine = 0, total;
+  for (size_t i = begin; i < end; i++) mine += packed_counts(tile_counts[i]);
+  bins[me] = 0;
   const ulong before = group_exclusive(mine, scratch, &total);
-  size_t place = sum_before(sums, (uint)group, scratch) + before / one_drawn();
-  ulong slot = sum_before(sums + blocks, (uint)group, scratch) + before % one_drawn();
+  const uint size = (uint)(total / one_drawn());
+  uint place = (uint)(before / one_drawn());
+  ulong slot = sums[group] + before % one_drawn();
   for (size_t i = begin; i < end; i++) {
-    if (tile_counts[i] > 0) {
-      visible_ids[place] = (uint)i;
-      keys[place++] = depth_keys[i];
+    const uint of_splat = tile_counts[i];
+    if (of_splat > 0) {
+      const uint digit = depth_keys[i] & kRadixMask;
+      entries[place++] = digit << 16 | (uint)(i - block);
+      atomic_inc(&bins[digit]);
     }
     if (!UBS_FORWARD_ONLY) slot_offsets[i] = (uint)slot;
-    slot += tile_counts[i];
+    slot += of_splat;
+    if (!fits) tile_counts[i] = 0;
   }
-  if (group + 1 < blocks) return;
-  const ulong drawn = sum_before(sums, (uint)blocks, scratch), tiles = sum_before(sums + blocks, (uint)blocks, scratch);
-  if (me == 0) {
-    totals[0] = drawn;
-    totals[1] = tiles;
+  for (uint i = size + me; i < kRadixBlock; i += kGroup) entries[i] = kRadixMask << 16;  // padding, as in radix_scatter
+  const uint visible = place_block(entries, counters, scratch, bins, offsets, digits);
+  for (uint i = me; i < size; i += kGroup) {
+    const uint to = bins[entries[i] >> 16] + i;
+    const size_t from = block + (entries[i] & 0xffffu);
+    keys[to] = depth_keys[from];
+    ids[to] = (uint)from;
   }
+  if (group > 0 || me > 0) return;
+  totals[0] = visible;
+  totals[1] = tiles;
+  if (!drawn) return;
+  *drawn = fits ? visible : 0;
+  *pairs = fits ? (uint)tiles : 0;
 }
 
-// Computes the number of tiles of each splat in depth order, and the sums of these numbers by block. The prefix sums
-// over all `most` elements are the places of the intersections.
+// One work-group processes a block of `block` splats in depth order (a multiple of kGroup). firsts: the exclusive
+// prefix sums of their numbers of tiles, which begin at 0 in each block. sums: the totals of the blocks.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void area_sums(
     __global const uint* order, uint most, __global const uint* counted, __global const uint2* tile_rects, uint block,
-    __global uint* areas, __global uint* sums) {
+    __global uint* firsts, __global uint* sums) {
   __local ulong scratch[kScanRoom];
-  const uint me = (uint)get_local_id(0), count = listed(most, counted);
-  const size_t begin = get_group_id(0) * block, end = min(begin + block, (size_t)most);
-  uint sum = 0;
-  for (size_t i = begin + me; i < end; i += kGroup) {
-    const uint area = i < count ? tile_rect_area(tile_rect(tile_rects[order[i]])) : 0;
-    areas[i] = area;
-    sum += area;
+  const uint me = (uint)get_local_id(0), count = listed(most, counted), items = block / kGroup;
+  const size_t begin = get_group_id(0) * block + (size_t)me * items, end = min(begin + items, (size_t)count);
+  uint mine = 0;
+  for (size_t i = begin; i < end; i++) {
+    const uint area = tile_rect_area(tile_rect(tile_rects[order[i]]));
+    firsts[i] = area;
+    mine += area;
   }
   ulong total;
-  group_exclusive(sum, scratch, &total);
+  uint running = (uint)group_exclusive(mine, scratch, &total);
+  for (size_t i = begin; i < end; i++) {
+    const uint area = firsts[i];
+    firsts[i] = running;
+    running += area;
+  }
   if (me == 0) sums[get_group_id(0)] = (uint)total;
 }
 
-// Writes the intersections. The work is balanced for rectangles of any size: a work-item finds its splat by bisection.
-// First the group finds the splats of its first and its last intersection; then each work-item searches between these
-// two (on average among 256 / t candidates, where t is the number of tiles per splat).
+enum { kAreaBlocks = 1024 };  // the largest number of blocks of area_sums
+
+// Returns the block in [low, high) of area_sums that contains an intersection.
+UBS_FN uint block_of(__local const uint* starts, uint low, uint high, uint place) {
+  while (high - low > 1) {
+    const uint middle = low + (high - low) / 2;
+    if (starts[middle] <= place)
+      low = middle;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+// Writes the intersections in depth order, a block of kRadixBlock intersections for each group, and counts the digits
+// of the tiles for the first pass of their sort (histogram as by radix_histogram). The work is balanced for rectangles
+// of any size: a work-item finds the splat of an intersection by bisection. First the group finds the splats of its
+// first and its last intersection; then each work-item searches between these two (on average among 2048 / t
+// candidates, where t is the number of tiles per splat). firsts, sums: results of area_sums for blocks of `block`
+// splats.
 __kernel __attribute__((reqd_work_group_size(kGroup, 1, 1))) void emit_intersections(
-    __global const uint* order, __global const uint* firsts, uint most_drawn,
-    __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects, __global const uint* slot_offsets, uint tiles_x, __global uint* tiles,
-    __global uint* ids, __global uint* slots, __global uint* long_lists) {
+    __global const uint* order, __global const uint* firsts, __global const uint* sums, uint block, uint most_drawn,
+    __global const uint* drawn, uint most_pairs, __global const uint* pairs, __global const uint2* tile_rects,
+    __global const uint* slot_offsets, uint tiles_x, __global uint* tiles, __global uint* ids, __global uint* slots,
+    __global uint* histogram, __global uint* long_lists) {
+  __local ulong scratch[kScanRoom];
+  __local uint starts[kAreaBlocks];  // first intersections of the blocks of area_sums
+  __local uint bins[kRadixBins], ends[2], end_blocks[2];
   const uint count = listed(most_drawn, drawn), intersections = listed(most_pairs, pairs);
-  __local uint ends[2];
-  const uint me = (uint)get_local_id(0);
-  const size_t place = get_global_id(0), begin = place - me;
-  if (me < 2)
-    ends[me] = find_owner(firsts, 0, count,
-                          me == 0 ? begin : min(begin + kGroup, (size_t)intersections) - 1);
+  const uint me = (uint)get_local_id(0), blocks = (count + block - 1) / block, each = (blocks + kGroup - 1) / kGroup;
+  const size_t begin = get_group_id(0) * kRadixBlock, end = min(begin + kRadixBlock, (size_t)intersections);
+  if (begin + me == 0 && long_lists) *long_lists = 0;
+  uint mine = 0;
+  for (uint k = me * each; k < min((me + 1) * each, blocks); k++) mine += sums[k];
+  ulong total;
+  uint running = (uint)group_exclusive(mine, scratch, &total);
+  for (uint k = me * each; k < min((me + 1) * each, blocks); k++) {
+    starts[k] = running;
+    running += sums[k];
+  }
+  bins[me] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (place == 0 && long_lists) *long_lists = 0;
-  if (place >= intersections) return;
-  const uint i = find_owner(firsts, ends[0], ends[1] + 1, place);
-  const uint number = (uint)place - firsts[i], id = order[i];
-  const TileRect rect = tile_rect(tile_rects[id]);
-  const uint width = tile_rect_width(rect), row = number / width;
-  tiles[place] = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
-  ids[place] = id;
-  if (slots) slots[place] = slot_offsets[id] + number;
+  if (me < 2 && begin < end) {
+    const uint place = (uint)(me == 0 ? begin : end - 1), of = block_of(starts, 0, blocks, place);
+    end_blocks[me] = of;
+    ends[me] = find_owner(firsts, of * block, min((of + 1) * block, count), place - starts[of]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (size_t place = begin + me; place < end; place += kGroup) {
+    const uint of = block_of(starts, end_blocks[0], end_blocks[1] + 1, (uint)place);
+    const uint in_block = (uint)place - starts[of];
+    const uint i = find_owner(firsts, max(of * block, ends[0]), min((of + 1) * block, ends[1] + 1), in_block);
+    const uint number = in_block - firsts[i], id = order[i];
+    const TileRect rect = tile_rect(tile_rects[id]);
+    const uint width = tile_rect_width(rect), row = number / width;
+    const uint tile = (rect.y0 + row) * tiles_x + rect.x0 + (number - row * width);
+    tiles[place] = tile;
+    ids[place] = id;
+    if (slots) slots[place] = slot_offsets[id] + number;
+    atomic_inc(&bins[tile & kRadixMask]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  histogram[me * get_num_groups(0) + get_group_id(0)] = bins[me];
 }
 
 // Finds the start of each tile's list by bisection. Empty tiles at the ends or in between need no special case.
