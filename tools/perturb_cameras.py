@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes data with wrong poses, to measure how well training recovers them (docs/results/2026-11-22-cameras.md).
+"""Makes copies of data with other cameras: with wrong poses, to measure how well training recovers them
+(docs/results/2026-11-22-cameras.md), or in another unit of length (docs/results/2026-11-28-unit.md).
 
   perturb_cameras.py perturb DATA OUT [DEGREES SHARE]   write a copy of a Blender or COLMAP folder whose cameras are
                                                         rotated and shifted (by SHARE of the scene's extent)
   perturb_cameras.py compare DATA OUT RUN               compare OUT and RUN/cameras with the correct cameras, which
                                                         are those of DATA: a data folder or a run
+  perturb_cameras.py scale DATA OUT FACTOR              write a copy of a Blender folder, or of a COLMAP folder with
+                                                        binary files, in which all positions of cameras and points are
+                                                        multiplied by FACTOR
 """
 import json
 import pathlib
@@ -118,6 +122,36 @@ def perturb(data, out, degrees, share):
         (out / f"transforms_{split}.json").write_text(json.dumps(content))
 
 
+def multiply(data, at, factor):
+    """Multiplies the three doubles at this position of the data."""
+    struct.pack_into("<3d", data, at, *(factor * value for value in struct.unpack_from("<3d", data, at)))
+
+
+def scale(data, out, factor):
+    shutil.copytree(data, out, ignore=shutil.ignore_patterns("poses_bounds.npy"))  # LLFF's cameras stay as they are
+    if (out / "sparse/0").exists():
+        file = out / "sparse/0/images.bin"
+        images, at = bytearray(file.read_bytes()), 8
+        for _ in range(struct.unpack_from("<Q", images)[0]):
+            multiply(images, at + 36, factor)
+            end = images.index(b"\0", at + 64)
+            at = end + 9 + 24 * struct.unpack_from("<Q", images, end + 1)[0]
+        file.write_bytes(images)
+        file = out / "sparse/0/points3D.bin"
+        points, at = bytearray(file.read_bytes()), 8
+        for _ in range(struct.unpack_from("<Q", points)[0]):
+            multiply(points, at + 8, factor)
+            at += 51 + 8 * struct.unpack_from("<Q", points, at + 43)[0]
+        file.write_bytes(points)
+        return
+    for file in out.glob("transforms_*.json"):
+        content = json.loads(file.read_text())
+        for frame in content["frames"]:
+            for row in frame["transform_matrix"][:3]:
+                row[3] *= factor
+        file.write_text(json.dumps(content))
+
+
 def error(poses, truth):
     """Returns root mean squares of rotations [degrees] and centres after the best similarity transform."""
     names = sorted(set(poses) & set(truth))
@@ -161,5 +195,7 @@ if __name__ == "__main__":
         perturb(*map(pathlib.Path, arguments[1:3]), *map(float, arguments[3:] or (0.5, 0.01)))
     elif len(arguments) == 4 and arguments[0] == "compare":
         compare(*map(pathlib.Path, arguments[1:]))
+    elif len(arguments) == 4 and arguments[0] == "scale":
+        scale(*map(pathlib.Path, arguments[1:3]), float(arguments[3]))
     else:
         sys.exit(__doc__)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the positions of initial splats for data without points: camera rigs that look inwards, forwards and
-// outwards, and rigs from which nothing can be derived.
+// Tests what is derived from camera rigs that look inwards, forwards and outwards, and rigs from which
+// nothing can be derived: the positions of initial splats for data without points, the extent and the
+// clipping planes.
 #include "host/api/camera_rig.hpp"
 
 #include <catch2/catch.hpp>
@@ -10,6 +11,7 @@
 #include "host/scene/frustum_points.hpp"
 #include "host/scene/pose.hpp"
 #include "host/scene/scene_unit.hpp"
+#include "host/scene/train_settings.hpp"
 
 using namespace ubs;
 
@@ -112,47 +114,131 @@ Camera cut_from_wide_image(const Camera& c) {
   return out;
 }
 
-TEST_CASE("initial space: does not depend on the unit, the position or the part of a lens") {
+// A kind of camera rig, with values that follow from how it was made.
+struct Situation {
+  std::string name;
+  std::vector<Camera> cameras;
+  double extent;             // 1.1 times the largest distance of a camera from the mean position
+  double nearest, farthest;  // depths of what such cameras are made to show, parallel to the forward axis
+};
+
+std::vector<Situation> situations() {
+  // At this elevation a camera of the ring is 0.8 times its distance from the axis of the ring.
+  const auto ring = [](double distance, bool outwards) {
+    std::vector<Camera> cameras;
+    for (int i = 0; i < 40; ++i) {
+      const double a = 2 * std::numbers::pi * i / 40;
+      const Vec3 at = distance * Vec3{0.8 * std::cos(a), 0.8 * std::sin(a), 0.6};
+      cameras.push_back(camera(at, outwards ? 2.0 * at : Vec3{}));
+    }
+    return cameras;
+  };
   std::vector<Camera> forward, parallel, turning;
   for (int i = 0; i < 20; ++i) {
-    const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
+    const Vec3 at{0.1 * (i % 5 - 2), 0,
+                  0.1 * (i / 5 - 1.5)};  // a corner of this grid is at a distance of 0.25
     forward.push_back(camera(3.0 * at, {0, 5, 0}));
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
     turning.push_back(camera({0, 0, 0}, {std::cos(0.3 * i), std::sin(0.3 * i), 0}));
   }
-  const std::vector<std::vector<Camera>> situations{
-      half_turn({0, 0, 0}, 4),
-      half_turn({0, 0, 0}, 1, true),
-      forward,
-      parallel,
-      turning,
-      {camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})},
-      {camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})},
-      std::vector(5, parallel[3])};
-  for (std::size_t s = 0; s < situations.size(); ++s)
+  std::vector<Situation> all{
+      {"around an object", ring(4, false), 1.1 * 0.8 * 4, 2.5, 40},
+      {"outwards", ring(1, true), 1.1 * 0.8, 0.4, 8},
+      {"forward", forward, 1.1 * 0.75, 2.5, 20},
+      {"parallel", parallel, 1.1 * 0.25, 0.5, 5},
+      {"two side by side", {camera({0, 0, 0}, {0, 1, 0}), camera({1, 0, 0}, {1, 1, 0})}, 1.1 * 0.5, 1, 10},
+      {"two opposite", {camera({0, -2, 0}, {0, 0, 0}), camera({0, 2, 0}, {0, 0, 0})}, 1.1 * 2, 1, 3},
+      // Depths of these are only known up to a factor, so that the program may choose any.
+      {"turning", turning, 0, 1, 10},
+      {"all equal", std::vector(5, parallel[3]), 0, 1, 10},
+      {"one", {forward[0]}, 0, 1, 10}};
+  for (std::size_t s = 0, n = all.size(); s < n; ++s) {
+    Situation part = all[s];
+    part.name += ", parts of wide images";
+    for (Camera& c : part.cameras) c = cut_from_wide_image(c);
+    // The same distances, but the forward axis of a part does not point to what it shows. What is known only
+    // from the distances between cameras, or not at all, stays.
+    const double cosine = dot(view_direction(part.cameras[0]), camera_axis(part.cameras[0], 2));
+    if (s == 0 || s == 2) part.nearest *= cosine, part.farthest *= cosine;
+    all.push_back(part);
+  }
+  return all;
+}
+
+double extent(const std::vector<Camera>& cameras) {
+  std::vector<View> views;
+  for (const Camera& c : cameras) views.push_back({"v", c, {}, nullptr});
+  return scene_extent(views);
+}
+
+// Returns the clipping planes of a training whose data have no points, as choose_unit() chooses them.
+Planes planes(const std::vector<Camera>& cameras) {
+  TrainSettings settings;
+  settings.unit = initial_space(cameras, false).depth;
+  return planes_of(settings);
+}
+
+TEST_CASE("camera rigs: extent, clipping planes and initial splats of every situation") {
+  for (const Situation& s : situations()) {
+    INFO(s.name);
+    CHECK(at_one_place(s.cameras) == (s.extent == 0));
+    CHECK(extent(s.cameras) == Approx(s.extent).margin(1e-12));
+    // The near plane is far from what the images show, but not so near that splats can hide in front of a
+    // lens.
+    const auto [near, far] = planes(s.cameras);
+    CHECK(near < s.nearest / 10);
+    CHECK(near > s.nearest / 1000);
+    CHECK(far > 10 * s.farthest);
     for (const bool plain : {false, true}) {
-      const std::vector<Camera>& cameras = situations[s];
-      const InitialSpace expected = initial_space(cameras, plain);
-      REQUIRE(usable(expected));
-      const auto check = [&](const std::vector<Camera>& others, double factor, double slack) {
+      const InitialSpace space = initial_space(s.cameras, plain);
+      REQUIRE(usable(space));
+      if (space.half == 0) {  // every splat is seen, and some are where the scene is
+        CHECK(near < space.near);
+        CHECK(far > space.far);
+        CHECK(space.near < s.farthest);
+        CHECK(space.far > s.nearest);
+      } else {
+        for (const Camera& c : s.cameras)
+          for (int corner = 0; corner < 8; ++corner) {
+            const auto side = [&](int bit) { return (corner >> bit & 1) != 0 ? space.half : -space.half; };
+            const Vec3 at = space.centre + Vec3{side(0), side(1), side(2)} - c.centre();
+            CHECK(dot(at, camera_axis(c, 2)) > near);
+          }
+      }
+    }
+  }
+}
+
+TEST_CASE("camera rigs: nothing depends on the unit and the position of the data") {
+  for (const Situation& s : situations())
+    for (const bool plain : {false, true}) {
+      const InitialSpace expected = initial_space(s.cameras, plain);
+      const Planes clipping = planes(s.cameras);
+      const auto check = [&](const std::vector<Camera>& others, double factor) {
         const InitialSpace space = initial_space(others, plain);
-        const double f = at_one_place(cameras) ? 1 : factor;  // any depth is correct
-        CHECK(space.half == Approx(f * expected.half).epsilon(slack));
-        CHECK(space.near == Approx(f * expected.near).epsilon(slack));
-        CHECK(space.far == Approx(f * expected.far).epsilon(slack));
-        CHECK(space.depth == Approx(f * expected.depth).epsilon(slack));
+        const double f = at_one_place(s.cameras) ? 1 : factor;  // any depth is correct
+        CHECK(space.half == Approx(f * expected.half).epsilon(1e-9));
+        CHECK(space.near == Approx(f * expected.near).epsilon(1e-9));
+        CHECK(space.far == Approx(f * expected.far).epsilon(1e-9));
+        CHECK(space.depth == Approx(f * expected.depth).epsilon(1e-9));
+        CHECK(planes(others).near == Approx(f * clipping.near).epsilon(1e-9));
+        CHECK(planes(others).far == Approx(f * clipping.far).epsilon(1e-9));
+        CHECK(extent(others) == Approx(factor * s.extent).epsilon(1e-9).margin(1e-12));
       };
       for (const double factor : {1e-6, 1e-3, 1e3, 1e6}) {
-        INFO("situation " << s << ", times " << factor);
-        std::vector<Camera> scaled = cameras;
+        INFO(s.name << ", times " << factor);
+        std::vector<Camera> scaled = s.cameras;
         for (Camera& c : scaled) scale_lengths(c, factor);
-        check(scaled, factor, 1e-9);
+        check(scaled, factor);
       }
-      INFO("situation " << s << ", elsewhere");
-      std::vector<Camera> moved = cameras;
+      INFO(s.name << ", elsewhere");
+      std::vector<Camera> moved = s.cameras;
       for (Camera& c : moved) c.translation = c.translation - rotated(c.rotation, {70, -30, 11});
-      check(moved, 1, 1e-9);
+      check(moved, 1);
     }
+}
+
+TEST_CASE("initial space: parts of wide images have the space of the whole images") {
   const InitialSpace box = initial_space(half_turn({3, -2, 0.5}, 4), true);
   std::vector<Camera> parts;
   for (const Camera& c : half_turn({3, -2, 0.5}, 4)) parts.push_back(cut_from_wide_image(c));

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Tests tools/perturb_cameras.py: perturb_cameras_test.py UBS. `ubs` reads the copies."""
+import json
+import pathlib
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+import zlib
+
+SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "tools" / "perturb_cameras.py"
+UBS = sys.argv.pop(1)
+CENTRES = ((1, 0, 0), (-1, 0, 0), (0, 2, 0))
+EXTENT = 1.1 * 4 / 3  # the third camera is the farthest from the mean position (0, 2/3, 0)
+
+
+def info(folder):
+    done = subprocess.run([UBS, "info", folder, "--test-every", "0", "--json"], check=True, stdout=subprocess.PIPE)
+    return json.loads(done.stdout)
+
+
+def write_images(folder):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    folder.mkdir(exist_ok=True)
+    for i in range(len(CENTRES)):  # grey, 8 x 8
+        (folder / f"view{i}.png").write_bytes(
+            b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", 8, 8, 8, 0, 0, 0, 0))
+            + chunk(b"IDAT", zlib.compress(8 * (b"\0" + 8 * b"\x7f"))) + chunk(b"IEND", b""))
+
+
+def blender(folder):
+    write_images(folder)
+    frames = [{"file_path": f"view{i}", "transform_matrix": [[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, z], [0, 0, 0, 1]]}
+              for i, (x, y, z) in enumerate(CENTRES)]
+    for split in ("train", "test"):
+        (folder / f"transforms_{split}.json").write_text(
+            json.dumps({"camera_angle_x": 0.7, "w": 8, "h": 8, "frames": frames}))
+
+
+def colmap(folder):
+    write_images(folder / "images")
+    model = folder / "sparse/0"
+    model.mkdir(parents=True)
+    (model / "cameras.bin").write_bytes(struct.pack("<QIiQQ4d", 1, 1, 1, 8, 8, 9, 9, 4, 4))
+    # Each image sees two points, and each point is seen by a different number of images.
+    (model / "images.bin").write_bytes(struct.pack("<Q", 3) + b"".join(
+        struct.pack("<I7dI", i, 1, 0, 0, 0, -x, -y, -z, 1) + f"view{i}.png\0".encode()
+        + struct.pack("<QddqddQ", 2, 1, 1, -1, 2, 2, 1) for i, (x, y, z) in enumerate(CENTRES)))
+    (model / "points3D.bin").write_bytes(struct.pack("<Q", 2) + b"".join(
+        struct.pack("<Q3d3Bd", i, 1 + i, 2, 3, 9, 9, 9, 0.5) + struct.pack("<Q", i) + bytes(8 * i) for i in range(2)))
+
+
+class Scale(unittest.TestCase):
+    def test_positions_are_multiplied(self):
+        for layout in (blender, colmap):
+            with self.subTest(layout.__name__), tempfile.TemporaryDirectory() as temporary:
+                data, out = pathlib.Path(temporary, "data"), pathlib.Path(temporary, "out")
+                data.mkdir()
+                layout(data)
+                subprocess.run([sys.executable, SCRIPT, "scale", data, out, "1e4"], check=True)
+                self.assertAlmostEqual(info(data)["extent"], EXTENT)
+                self.assertAlmostEqual(info(out)["extent"], 1e4 * EXTENT)
+                self.assertEqual(info(out)["points"], info(data)["points"])
+                if layout is colmap:
+                    points = (out / "sparse/0/points3D.bin").read_bytes()
+                    self.assertEqual([struct.unpack_from("<3d", points, at) for at in (16, 67)],
+                                     [(1e4, 2e4, 3e4), (2e4, 2e4, 3e4)])
+
+
+if __name__ == "__main__":
+    unittest.main()
