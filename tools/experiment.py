@@ -167,13 +167,15 @@ child = Child()
 ANY = object()
 TEXT = r"[^\0\ud800-\udfff]+"
 NAME, WIDTH = "[A-Za-z0-9_-]{1,64}", "[1-9][0-9]{0,4}"  # names are used as names of folders
+SECONDS = "[1-9][0-9]{0,5}"
 NUMBER = r"null|[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?"
 SCENE = {"title": TEXT, "folders": [TEXT], "width": WIDTH, "settings": {TEXT: ANY}}
 DATA_SET = {"name!": NAME, **SCENE, "dataset!": {TEXT: TEXT}, "scenes!": {NAME: SCENE}}
 EXPERIMENT = {"name!": NAME, "title": TEXT, "notes": TEXT, "settings": {TEXT: ANY},
               "published": {"source!": TEXT, "columns!": ["|".join(METRICS)]},
               "data!": [{"set!": TEXT, "scenes": [NAME], "settings": {TEXT: ANY}}],
-              "rows!": [{"name!": NAME, "label": TEXT, "settings": {TEXT: ANY}, "published": {NAME: {NAME: [NUMBER]}}}]}
+              "rows!": [{"name!": NAME, "label": TEXT, "settings": {TEXT: ANY}, "budget": SECONDS,
+                         "published": {NAME: {NAME: [NUMBER]}}}]}
 
 
 class Loader(yaml.BaseLoader):
@@ -259,6 +261,8 @@ class Run:
         self.id = f"{row['name']}/{self.place}"
         self.data = self.folder = None  # their paths; the data may be missing
         self.published, self.settings = {}, {}  # settings as published, and of this run
+        self.budget = int(row.get("budget", 0))  # in seconds; 0: none
+        self.arguments = []  # for `ubs train`
         self.published_width = int(self.about.get("width", data_set.get("width", 0)))
         self.width = 0  # width of the images that are used
         self.identity = {}  # everything that determines the result on one device and build
@@ -334,6 +338,9 @@ def make_plan(spec, options):
 
 def plan_run(run, spec, options, unique):
     """Finds the data of a run and completes its settings."""
+    if run.budget and options.scale_down > 1:
+        raise Failure(USAGE, f"--scale-down: row '{run.row['name']}' has a budget, for which ubs chooses iterations "
+                      "and splats: choose others with --rows")
     run.folder, run.data = options.out / "runs" / run.id.replace("/", "."), find_data(run, options.root, unique)
     given = {}
     for part in (run.set, run.about, spec, run.set["entry"], run.row):  # later ones take precedence
@@ -341,7 +348,11 @@ def plan_run(run, spec, options, unique):
     try:
         run.published = all_settings(options.ubs, given)
         scaled = scaled_down(options.ubs, run, options.scale_down) if options.scale_down > 1 else {}
-        run.settings = all_settings(options.ubs, {**given, **scaled, **dict(options.set)})
+        chosen = {**given, **scaled, **dict(options.set)}
+        run.settings = all_settings(options.ubs, chosen)
+        run.arguments = set_options(run.settings)
+        if run.budget:  # ubs chooses the settings that are not passed
+            run.arguments = ["--budget", f"{run.budget}s", *set_options(chosen)]
         run.width = image_width(options.ubs, run.data, run.settings) if run.data else 0
     except Failure as error:
         code, message = error.args
@@ -351,7 +362,7 @@ def plan_run(run, spec, options, unique):
     if not run.data:
         run.end("no data", f"there is neither {options.root / run.place} nor a folder of its other names")
     run.identity = {"data": os.path.realpath(run.data or ""), "arguments": options.train_argument,
-                    "settings": deciding(run.settings)}
+                    "settings": deciding(run.settings), **({"budget": run.budget} if run.budget else {})}
 
 
 # Running
@@ -384,7 +395,7 @@ def train(run, options):
     if options.resume and same and checkpoint.exists():
         arguments = ["--resume", folder]
     else:
-        arguments = ["--out", folder, "--overwrite", *set_options(run.settings)]
+        arguments = ["--out", folder, "--overwrite", *run.arguments]
         folder.mkdir(parents=True, exist_ok=True)
         for file in (job, checkpoint, folder / "metrics.json", folder / "eval.json"):
             file.unlink(missing_ok=True)
@@ -502,12 +513,30 @@ def grouped(pairs):
     return [f"{', '.join(names[text])}: {text}" for text in sorted(names) if text]
 
 
+def scene_table(lines):
+    """Returns a table with a line for each scene and a column for each row: the PSNR, and the training time."""
+    def cell(run):
+        found = run.values
+        return f"{found['psnr']:.2f} dB, {60 * found['minutes']:.0f} s" if "psnr" in found else "–"
+
+    scenes = {}
+    for run in lines:
+        title = "mean" if run.scene == AVERAGE else run.about.get("title", run.scene)
+        scenes.setdefault(title, []).append(run)
+    methods = dict.fromkeys(run.row.get("label", run.row["name"]) for run in lines)
+    if len(methods) == 1:
+        return ""
+    text = table_row(["scene", *methods]) + "|---" * (1 + len(methods)) + "|\n"
+    return text + "".join(table_row([scene, *map(cell, runs)]) for scene, runs in scenes.items()) + "\n"
+
+
 def set_table(data, lines):
     """Returns the table of one data set in Markdown."""
     def cell(value, decimals, sign=""):
         return "–" if value is None else f"{value:{sign}.{decimals}f}"
 
     columns, scenes, titled = shown(lines), len(data["scenes"]), []
+    compared = any(run.paper for run in lines)
     for run in lines:
         if run.scene != AVERAGE:
             state = "" if run.state == "done" else f" ({run.state})"
@@ -518,14 +547,16 @@ def set_table(data, lines):
                 titled.append((f"average as printed, {scenes} scenes", Run(run.row, data, AVERAGE)))
     head = ["method", "scene"]
     for heading, _, _, quality in columns.values():
-        head += [heading, "paper", "difference"] if quality else [heading, "paper"]
-    text = f"\n## {data.get('title', data['name'])}\n\n{table_row(head)}{'|---' * len(head)}|\n"
+        head += [heading, "paper", "difference"][:2 + quality if compared else 1]
+    text = f"\n## {data.get('title', data['name'])}\n\n"
+    text += "" if compared else scene_table(lines)
+    text += f"{table_row(head)}{'|---' * len(head)}|\n"
     for title, run in titled:
         cells = [run.row.get("label", run.row["name"]), title]
         for key, (_, _, decimals, quality) in columns.items():
             ours, paper, difference = run.compared(key)
-            cells += [cell(ours, decimals), cell(paper, decimals)]
-            cells += [cell(difference, decimals, "+")] if quality else []
+            found = [cell(ours, decimals), cell(paper, decimals), cell(difference, decimals, "+")]
+            cells += found[:2 + quality if compared else 1]
         text += table_row(cells)
     return text
 
@@ -535,12 +566,15 @@ def markdown(spec, runs, lines, occasion):
     scale, source = occasion["scale_down"], spec["published"]["source"]
     text = f"# {spec.get('title', spec['name'])}\n\n{occasion['date'][:10]}"
     text += f", scaled down by {scale}" if scale > 1 else ""
-    text += ". Values of the model after the last iteration. Difference: ours minus paper.\n"
-    text += f"Published values: {source}\n" if source else ""
+    text += ". Values of the model after the last iteration.\n"
+    text += f"Difference: ours minus paper. Published values: {source}\n" if source else ""
     text += f"\n{spec['notes']}\n" if "notes" in spec else ""
     changes = grouped((run.id, ", ".join(run.changes())) for run in done)
-    text += ("\n**Not the published settings or image sizes**, so a difference to the paper is expected:\n\n"
-             + items(changes) if changes else "\nAll runs have the published settings and image sizes.\n")
+    if changes:
+        text += ("\n**Not the published settings or image sizes**, so a difference to the paper is expected:\n\n"
+                 + items(changes))
+    elif source:
+        text += "\nAll runs have the published settings and image sizes.\n"
     for data in spec["sets"].values():
         if own := [run for run in lines if run.set is data]:
             text += set_table(data, own)
@@ -567,11 +601,12 @@ def dry_run(runs, options):
         text = f"{run.state}: {run.reason}"
         if run.state == "not run":
             try:
-                plan = ask(options.ubs, "plan", "--data", str(run.data), "--json", *options.on_device,
-                           *set_options(run.settings))
-                hours = json.loads(plan)["seconds"] / 3600
+                plan = {"seconds": run.budget} if run.budget else json.loads(
+                    ask(options.ubs, "plan", "--data", str(run.data), "--json", *options.on_device, *run.arguments))
+                hours = plan["seconds"] / 3600
                 total += hours
-                text = f"{hours:.3f} h, {run.data}, {run.width} px wide, {run.settings['iterations']} iterations"
+                length = f"budget {run.budget} s" if run.budget else f"{run.settings['iterations']} iterations"
+                text = f"{hours:.3f} h, {run.data}, {run.width} px wide, {length}"
             except Failure as error:
                 text = f"time unknown: {error.args[1]}"
         print(f"{run.id}: {text}", flush=True)

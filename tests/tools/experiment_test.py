@@ -67,7 +67,11 @@ if [ "$1" = plan ]; then
   exit 0
 fi
 echo "$4 $data" >> "$here/starts"
-if [ "$4" = --out ]; then echo "$*" | sed 's/.*--set=iterations=\\([0-9]*\\).*/\\1/' > "$out/steps"; fi
+echo "$*" >> "$here/trainings"
+case "$*" in
+  *--budget*) echo 300 > "$out/steps" ;;
+  *--out*) echo "$*" | sed 's/.*--set=iterations=\\([0-9]*\\).*/\\1/' > "$out/steps" ;;
+esac
 steps=$(cat "$out/steps")
 case $(cat "$data/behaviour") in
   busy) echo "ubs: error: $out: process 1 is writing to this folder" >&2; exit 2 ;;
@@ -169,7 +173,7 @@ class DataSpecs(Case):
                 self.assertIn("ICLR 2026", spec["published"]["source"])
                 self.assertEqual({run.published["iterations"] for run in runs.values()}, {30000})
                 self.assertTrue(all(run.paper for run in runs.values()))
-        self.assertEqual((len(sets), len(paths), of_paper), (9, 8, 5))
+        self.assertEqual((len(sets), len(paths), of_paper), (10, 9, 5))
         # Numbers of published scenes and averages: 38 scenes and 5 averages; 3 x (8 + 1); 6 x 4; 6; 6 + 1.
         self.assertEqual(published, 43 + 27 + 24 + 6 + 7)
 
@@ -580,6 +584,27 @@ class Run(Case):
         text = self.run_script("--overwrite", "--scale-down").stdout
         self.assertIn(", scaled down by 4.", text)
         self.assertIn("a/toys/cube: images 20 px wide (published: about 80), ", text)
+
+    def test_rows_with_a_budget_leave_the_settings_to_ubs(self):
+        put(self.folder / "e.yaml", "name: e\ntitle: An experiment\ndata: [{set: set.yaml}]\nrows:\n"
+            "  - {name: a, budget: 40}\n  - {name: b, label: Method B, budget: 40, settings: {dim: 3}}\n")
+        put(self.folder / "set.yaml", re.sub("(?m)^(width|settings).*\n", "", SET))
+        self.assertIn("a/toys/cube: 0.011 h, root/toys/cube, 160 px wide, budget 40 s\n",
+                      self.run_script("--dry-run").stdout)
+        self.run_script()
+        trainings = self.lines("trainings")
+        self.assertEqual(trainings[0].split(" --overwrite ")[1], "--budget 40s")
+        self.assertEqual(trainings[3].split(" --overwrite ")[1], "--budget 40s --set=cap_max=2000 --set=dim=3")
+        text = (self.folder / "out/e/table.md").read_text()
+        self.assertIn("\n| scene | a | Method B |\n|---|---|---|\n| cube | 31.00 dB, 120 s | 31.00 dB, 120 s |\n"
+                      "| the sphere | 20.25 dB, 240 s | 20.25 dB, 240 s |\n"
+                      "| mean | 25.62 dB, 180 s | 25.62 dB, 180 s |\n", text)
+        self.assertIn("\n| method | scene | PSNR [dB] | SSIM | training [min] | FPS | splats | MiB |\n", text)
+        self.assertNotIn("paper", text.split("Measured with")[0])
+        put(self.folder / "e.yaml", (self.folder / "e.yaml").read_text().replace("40", "50", 1))
+        self.run_script("--resume")
+        self.assertEqual([line.split()[7] for line in self.lines("trainings")[4:]], ["50s", "50s"])
+        self.assertIn("row 'a' has a budget", self.refused(2, "--scale-down", "--resume"))
 
     def test_a_dry_run_prints_what_ubs_plan_expects_or_why_it_failed(self):
         put(self.folder / "e.yaml", "name: e\ndata: [{set: set.yaml}]\nrows:\n  - name: a\n  - name: b\n"
