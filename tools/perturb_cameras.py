@@ -7,8 +7,8 @@
                                                         rotated and shifted (by SHARE of the scene's extent)
   perturb_cameras.py compare DATA OUT RUN               compare OUT and RUN/cameras with the correct cameras, which
                                                         are those of DATA: a data folder or a run
-  perturb_cameras.py scale DATA OUT FACTOR              write a copy of a Blender folder, or of a COLMAP folder with
-                                                        binary files, in which all positions of cameras and points are
+  perturb_cameras.py scale DATA OUT FACTOR              write a copy of a Blender, LLFF or COLMAP folder (with
+                                                        binary files) in which all positions of cameras and points are
                                                         multiplied by FACTOR
 """
 import json
@@ -128,7 +128,11 @@ def multiply(data, at, factor):
 
 
 def scale(data, out, factor):
-    shutil.copytree(data, out, ignore=shutil.ignore_patterns("poses_bounds.npy"))  # LLFF's cameras stay as they are
+    shutil.copytree(data, out)
+    if (out / "poses_bounds.npy").exists():  # 3 x 5 numbers whose fourth column is the position, and two depths
+        rows = np.load(out / "poses_bounds.npy")
+        rows[:, [3, 8, 13, 15, 16]] *= factor
+        np.save(out / "poses_bounds.npy", rows)
     if (out / "sparse/0").exists():
         file = out / "sparse/0/images.bin"
         images, at = bytearray(file.read_bytes()), 8
@@ -143,7 +147,6 @@ def scale(data, out, factor):
             multiply(points, at + 8, factor)
             at += 51 + 8 * struct.unpack_from("<Q", points, at + 43)[0]
         file.write_bytes(points)
-        return
     for file in out.glob("transforms_*.json"):
         content = json.loads(file.read_text())
         for frame in content["frames"]:

@@ -10,6 +10,8 @@ import tempfile
 import unittest
 import zlib
 
+import numpy as np
+
 SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "tools" / "perturb_cameras.py"
 UBS = sys.argv.pop(1)
 CENTRES = ((1, 0, 0), (-1, 0, 0), (0, 2, 0))
@@ -41,6 +43,12 @@ def blender(folder):
             json.dumps({"camera_angle_x": 0.7, "w": 8, "h": 8, "frames": frames}))
 
 
+def llff(folder):
+    write_images(folder / "images")
+    poses = [np.column_stack([[0, -1, 0], [1, 0, 0], [0, 0, 1], centre, [8, 8, 9]]) for centre in CENTRES]
+    np.save(folder / "poses_bounds.npy", [np.append(pose, [2.0, 5.0]) for pose in poses])
+
+
 def colmap(folder):
     write_images(folder / "images")
     model = folder / "sparse/0"
@@ -56,7 +64,7 @@ def colmap(folder):
 
 class Scale(unittest.TestCase):
     def test_positions_are_multiplied(self):
-        for layout in (blender, colmap):
+        for layout in (blender, llff, colmap):
             with self.subTest(layout.__name__), tempfile.TemporaryDirectory() as temporary:
                 data, out = pathlib.Path(temporary, "data"), pathlib.Path(temporary, "out")
                 data.mkdir()
@@ -65,6 +73,8 @@ class Scale(unittest.TestCase):
                 self.assertAlmostEqual(info(data)["extent"], EXTENT)
                 self.assertAlmostEqual(info(out)["extent"], 1e4 * EXTENT)
                 self.assertEqual(info(out)["points"], info(data)["points"])
+                if layout is llff:
+                    self.assertEqual(np.load(out / "poses_bounds.npy")[0, 15:].tolist(), [2e4, 5e4])
                 if layout is colmap:
                     points = (out / "sparse/0/points3D.bin").read_bytes()
                     self.assertEqual([struct.unpack_from("<3d", points, at) for at in (16, 67)],
