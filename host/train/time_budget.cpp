@@ -128,9 +128,9 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
   };
   if (const double least = seconds(kMinIterations); least > budget.seconds)
     fail(ErrorKind::usage,
-         "an iteration takes {:.3g} ms here, so the minimum of {} iterations would take {:.3g} s, which "
-         "exceeds the budget of {:.3g} s: increase the budget, or reduce the images with downscale",
-         1e3 * (least - budget.measured) / kMinIterations, kMinIterations, least, budget.seconds);
+         "the measured iterations took {:.3g} s, and the minimum of {} iterations would take {:.3g} s more, "
+         "which exceeds the budget of {:.3g} s: increase the budget, or reduce the images with downscale",
+         budget.measured, kMinIterations, least - budget.measured, budget.seconds);
   int fits = kMinIterations, beyond = budget.most_iterations + 1;
   while (beyond - fits > 1) {
     const int middle = fits + (beyond - fits) / 2;
