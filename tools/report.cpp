@@ -334,7 +334,9 @@ int run(ReportOptions& options) {
   const std::string out =
       options.out.empty() ? (fs::path(options.runs[0]) / "report.html").string() : options.out;
   if (is_folder(out)) fail(ErrorKind::usage, "--out {}: this is a folder: pass the name of a file", out);
-  check_output_files({out}, {options.data}, options.overwrite);
+  // If the folder of the run does not exist, open_runs() says so.
+  if (!options.out.empty() || is_folder(options.runs[0]))
+    check_output_files({out}, {options.data}, options.overwrite);
   ReportViewer viewer;
   std::vector<ReportRun> runs = open_runs(options, viewer);
   tell_apart(runs, options.runs);

@@ -436,6 +436,7 @@ TEST_CASE("report: invalid arguments are rejected", "[cli]") {
   };
   refused("", 2, "runs");
   refused("nowhere --out no.html", 3, "no such folder");
+  refused("nowhere", 3, "no such folder");
   refused("data --out no.html", 3, "not an output folder of 'ubs train'");
   refused("still/log.csv --out no.html", 3, "not a folder");
   refused("still --out data", 2, "is a folder");
