@@ -27,8 +27,9 @@ ImportedSplats exported_splats(const SplatFormat& format, const MixedModel& mode
     remarks.push_back(exact < model.groups.size() ? "N = 3: Gaussians are exported exactly"
                                                   : "Gaussians are exported exactly");
   if (exact < model.groups.size())
-    remarks.push_back(fmt::format("exported for time {}; rule for the opacity over all view directions: {}",
-                                  options.time, options.opacity));
+    remarks.push_back(fmt::format("{}rule for the opacity over all view directions: {}",
+                                  model.has_time() ? fmt::format("exported for time {}; ", options.time) : "",
+                                  options.opacity));
   std::optional<ImportedSplats> splats;
   for (const SplatModel& group : model.groups) {
     ImportedSplats part =

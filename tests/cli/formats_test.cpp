@@ -72,6 +72,9 @@ TEST_CASE("cli: convert supports every format and reports the loss", "[cli]") {
   CHECK_THAT(run_ubs(folder, "convert u7.ply d7.ply --to dbs").err, Contains("Beta splats of N = 3"));
   write_splat_ply(folder / "lobes.ply", SplatModel(3, 1, {.colour = ColourMode::sb1}));
   CHECK_THAT(ubs_ok(folder, "convert lobes.ply lobes.spz").out, Contains("Beta lobes are lost"));
+  write_splat_ply(folder / "u6.ply", faint_ball(6));
+  const std::string still = ubs_ok(folder, "convert u6.ply u6.spz").out;
+  CHECK_THAT(still, Contains("rule for the opacity over all view directions") && !Contains("time"));
   // Earlier versions ignored options without effect on the conversion.
   for (const char* arguments :
        {"g.ply o.ply --time 0.5", "g.ply o.spz --opacity max", "u.ply o.ply --to ubs --time 1"})
