@@ -341,6 +341,9 @@ int run(const TrainOptions& options) {
   const TrainSettings asked = settings;
   const Split* const given = data.find("train");
   const std::uint32_t data_print = given ? fingerprint(*given) : 0;  // before cameras are aligned
+  if (options.talkative() && given && !start.checkpoint)
+    log_line(LogLevel::notice,
+             fmt::format("choosing settings and initial points from {} images", given->views.size()));
   Split train_split = take_train(data, settings, !start.checkpoint);
   const Json chosen = changed_keys(asked, settings);
   Split test_split = take_test(data, settings);
