@@ -184,7 +184,8 @@ std::vector<View> chosen_views(const Split& split, const std::vector<std::string
 void remark_on_splats(RunRecord& run, const MixedModel& model) {
   constexpr double kFar = 10;  // multiples of the extent
   const std::optional<double> extent = run.number({"extent"});
-  if (model.count() >= static_cast<std::size_t>(run.settings.cap_max))
+  // In a run with a time budget, the maximum is what the time was enough for.
+  if (model.count() >= static_cast<std::size_t>(run.settings.cap_max) && !run.number({"budget_seconds"}))
     run.remarks.push_back(
         fmt::format("the model has reached the maximum number of splats, --cap-max ({})", model.count()));
   if (!extent || !(*extent > 0)) return;

@@ -712,6 +712,9 @@ TEST_CASE("a report shows the worst view and lists problems") {
   CHECK_THAT(report.out, Contains(fmt::format("the worst ('{}') among them", worst)));
   CHECK_THAT(get(folder / "run/report.html"), Contains(worst));
   CHECK_THAT(report.err, Contains("the maximum number of splats, --cap-max (60)") && !Contains("extents"));
+  metrics["budget_seconds"] = 30;
+  put(folder / "run/metrics.json", metrics.dump());
+  CHECK_THAT(ubs_ok(folder, "report run --views 2 --overwrite").err, !Contains("--cap-max"));
   // A splat far away, like one that no two cameras see.
   SplatModel model = load_splat_model(folder / "run/model.ply").model.single("test");
   model.row(0)[7] = 1e4f;
