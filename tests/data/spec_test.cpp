@@ -217,6 +217,13 @@ TEST_CASE(
   CHECK(yaml_message("<<: {whole: 4}\n").find("bad.yaml:1:1: << must be a value") != std::string::npos);
 }
 
+// This took minutes when the time was quadratic in the number of keys.
+TEST_CASE("settings: YAML with 200 000 unknown keys is rejected") {
+  std::string keys;
+  for (int i = 0; i < 200'000; ++i) keys += fmt::format("k{}: {}\n", i, i);
+  CHECK(yaml_message(keys).find("bad.yaml:1:1: unknown key 'k0'") != std::string::npos);
+}
+
 TEST_CASE("settings: YAML lists and empty files") {
   const TempFolder folder;
   Sample s;
