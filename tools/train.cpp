@@ -158,26 +158,17 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
-// A time budget counts from the start of the command. Returns the part of it that is left for training after
-// `elapsed` seconds. This is at least half of it, so that the first run on a machine, which has to build all
-// kernels, still has a usable result.
-double training_seconds(double budget, double elapsed) { return std::max(budget - elapsed, budget / 2); }
-
-double asked_seconds(const TrainOptions& options) {
-  const std::string& budget = options.start.budget;
-  return budget.empty() ? kDefaultSeconds : time_budget_seconds(budget);
-}
-
 // Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
 // returns the time budget. The number is the largest that is expected to fit the time budget. With several
 // ranks, there is no time budget and the run gets kDefaultIterations. `warm_up` is called before steps are
-// measured. `command` shows the time since the start of the command.
+// measured.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
-                           const Split& train, const Stopwatch& command,
+                           const Split& train,
                            const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
   const bool asked = !options.start.budget.empty();
   const PictureFacts pictures = picture_facts(train, start.settings);
-  TimeBudget budget{.most_iterations = asked ? kScheduleLength : kDefaultIterations};
+  TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kDefaultSeconds,
+                    .most_iterations = asked ? kScheduleLength : kDefaultIterations};
   if (ranks().size() > 1) {
     start.settings = default_settings(start, data, pictures);
     budget = {};
@@ -190,7 +181,6 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
       flush_out();
     }
     warm_up(few, initial);
-    budget.seconds = training_seconds(asked_seconds(options), command.seconds());
     const Stopwatch watch;
     budget.costs = measure_steps(device, in_unit(few), train, initial, 2 * initial.count);
     budget.measured = watch.seconds();
@@ -202,10 +192,9 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
   if (options.talkative()) {
     say("schedule {}{} iterations{}, at most {} splats{}\n", ends_early ? "about " : "",
         start.settings.iterations,
-        budget.seconds > 0 ? fmt::format(" in {}", duration_text(asked_seconds(options))) : "",
+        budget.seconds > 0 ? fmt::format(" in {}", duration_text(budget.seconds)) : "",
         start.settings.cap_max,
-        budget.seconds > 0 ? fmt::format("; {} of this time have passed, {} to measure the steps",
-                                         duration_text(command.seconds()), duration_text(budget.measured))
+        budget.seconds > 0 ? fmt::format("; measuring the steps took {}", duration_text(budget.measured))
                            : "");
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
@@ -368,8 +357,8 @@ int run(const TrainOptions& options) {
         [&] { build_kernels_of_rank(*device, with, train_split, test_split, initial, networks.get()); });
   };
   run.budget = start.checkpoint ? start.checkpoint->budget
-               : start.fast ? choose_settings(options, start, *device, data, train_split, command, warm_up)
-                            : TimeBudget{};
+               : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
+                                : TimeBudget{};
   if (start.checkpoint && !options.start.budget.empty())
     settings.work_shares = shares_until(settings, start.checkpoint->state.iteration);
   const SplatModel initial =
@@ -392,8 +381,6 @@ int run(const TrainOptions& options) {
   InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
   const double preparation = command.seconds();
-  if (run.budget.seconds > 0 && !start.checkpoint)  // what was measured counts as training time
-    run.budget.seconds = training_seconds(asked_seconds(options), preparation - run.budget.measured);
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
   if (start.checkpoint && !options.start.budget.empty() && start.checkpoint->is_finished())
     trainer.go_on_for(run.budget.seconds - trainer.seconds());
@@ -491,9 +478,9 @@ Command add_train(CLI::App& root) {
   app->add_option(
          "--budget", options->start.budget,
          fmt::format(
-             "train until this time after the start of the command, such as 90s, 10m or 1h; ubs chooses "
-             "iterations, splats and growth to fit (docs/budget.md) [without --iterations: {} iterations or "
-             "15m, whichever ends first]; with --resume, +TIME lets the run train for this time",
+             "train for this time, such as 90s, 10m or 1h; ubs chooses iterations, splats and growth to fit "
+             "(docs/budget.md) [without --iterations: {} iterations or 15m, whichever ends first]; with "
+             "--resume, +TIME lets the run train for this time",
              kDefaultIterations))
       ->type_name("TIME");
   app->add_option("--resume", options->start.resume,

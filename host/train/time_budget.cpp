@@ -129,8 +129,7 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
   if (const double least = seconds(kMinIterations); least > budget.seconds)
     fail(ErrorKind::usage,
          "the measured iterations took {:.3g} s, and the minimum of {} iterations would take {:.3g} s more, "
-         "which exceeds the {:.3g} s that the budget leaves for training: increase the budget, or reduce the "
-         "images with downscale",
+         "which exceeds the budget of {:.3g} s: increase the budget, or reduce the images with downscale",
          budget.measured, kMinIterations, least - budget.measured, budget.seconds);
   int fits = kMinIterations, beyond = budget.most_iterations + 1;
   while (beyond - fits > 1) {
