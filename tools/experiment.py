@@ -537,6 +537,7 @@ def set_table(data, lines):
 
     columns, scenes, titled = shown(lines), len(data["scenes"]), []
     compared = any(run.paper for run in lines)
+    widths = {key: 1 if not compared else 3 if quality else 2 for key, (_, _, _, quality) in columns.items()}
     for run in lines:
         if run.scene != AVERAGE:
             state = "" if run.state == "done" else f" ({run.state})"
@@ -546,17 +547,17 @@ def set_table(data, lines):
             if run.place in run.row["published"]:
                 titled.append((f"average as printed, {scenes} scenes", Run(run.row, data, AVERAGE)))
     head = ["method", "scene"]
-    for heading, _, _, quality in columns.values():
-        head += [heading, "paper", "difference"][:2 + quality if compared else 1]
+    for key, (heading, _, _, _) in columns.items():
+        head += [heading, "paper", "difference"][:widths[key]]
     text = f"\n## {data.get('title', data['name'])}\n\n"
     text += "" if compared else scene_table(lines)
     text += f"{table_row(head)}{'|---' * len(head)}|\n"
     for title, run in titled:
         cells = [run.row.get("label", run.row["name"]), title]
-        for key, (_, _, decimals, quality) in columns.items():
+        for key, (_, _, decimals, _) in columns.items():
             ours, paper, difference = run.compared(key)
             found = [cell(ours, decimals), cell(paper, decimals), cell(difference, decimals, "+")]
-            cells += found[:2 + quality if compared else 1]
+            cells += found[:widths[key]]
         text += table_row(cells)
     return text
 

@@ -128,13 +128,16 @@ def multiply(data, at, factor):
 
 
 def scale(data, out, factor):
+    model, frames = "sparse/0/images.bin", sorted(data.glob("transforms_*.json"))
+    if not frames and not any((data / name).exists() for name in ("poses_bounds.npy", model)):
+        sys.exit(f"{data}: no poses_bounds.npy, {model} or transforms_*.json: only these cameras can be scaled")
     shutil.copytree(data, out)
     if (out / "poses_bounds.npy").exists():  # 3 x 5 numbers whose fourth column is the position, and two depths
         rows = np.load(out / "poses_bounds.npy")
         rows[:, [3, 8, 13, 15, 16]] *= factor
         np.save(out / "poses_bounds.npy", rows)
-    if (out / "sparse/0").exists():
-        file = out / "sparse/0/images.bin"
+    if (out / model).exists():
+        file = out / model
         images, at = bytearray(file.read_bytes()), 8
         for _ in range(struct.unpack_from("<Q", images)[0]):
             multiply(images, at + 36, factor)
@@ -147,7 +150,7 @@ def scale(data, out, factor):
             multiply(points, at + 8, factor)
             at += 51 + 8 * struct.unpack_from("<Q", points, at + 43)[0]
         file.write_bytes(points)
-    for file in out.glob("transforms_*.json"):
+    for file in (out / path.name for path in frames):
         content = json.loads(file.read_text())
         for frame in content["frames"]:
             for row in frame["transform_matrix"][:3]:

@@ -310,7 +310,7 @@ Json changed_keys(TrainSettings asked, TrainSettings settled) {
 }
 
 int run(const TrainOptions& options) {
-  const Stopwatch command;
+  const Stopwatch since_start;
   if (options.print_settings) return print_settings(options);
   files_before_output();
   const LpipsRequest lpips = options.lpips.request();
@@ -380,7 +380,7 @@ int run(const TrainOptions& options) {
   beforehand.reset();
   InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
-  const double preparation = command.seconds();
+  const double preparation = since_start.seconds();
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
   if (start.checkpoint && !options.start.budget.empty() && start.checkpoint->is_finished())
     trainer.go_on_for(run.budget.seconds - trainer.seconds());

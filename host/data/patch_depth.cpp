@@ -13,16 +13,22 @@ namespace {
 // Minimum standard deviation of a patch; a patch with less contrast cannot be recognised in another image.
 constexpr double kMinContrast = 2;
 
+// Interpolates between four pixels: `top` and its right neighbour, and the two in the row below. `across` and
+// `down` are the position between them, 0 to 1.
+float interpolated(const float* top, int width, float across, float down) {
+  const float* const low = top + width;
+  const float upper = top[0] + across * (top[1] - top[0]), lower = low[0] + across * (low[1] - low[0]);
+  return upper + down * (lower - upper);
+}
+
 }  // namespace
 
 float GreyPicture::at(double column, double row) const {
   const double u = column / across - 0.5, v = row / down - 0.5;
   if (!(u >= 0 && v >= 0 && u < width - 1 && v < height - 1)) return -1;
   const int c = static_cast<int>(u), r = static_cast<int>(v);
-  const auto s = static_cast<float>(u - c), t = static_cast<float>(v - r);
-  const float* const top = values.data() + std::ptrdiff_t{r} * width + c;
-  const float* const low = top + width;
-  return (1 - t) * ((1 - s) * top[0] + s * top[1]) + t * ((1 - s) * low[0] + s * low[1]);
+  return interpolated(values.data() + std::ptrdiff_t{r} * width + c, width, static_cast<float>(u - c),
+                      static_cast<float>(v - r));
 }
 
 bool Patch::normalise(Values& values) {
@@ -94,13 +100,8 @@ double Patch::agreement(const Projected& other, double depth) const {
     first[i] = r * picture.width + c;
   }
   Values seen;
-  for (std::size_t i = 0; i < seen.size(); ++i) {
-    const float* const top = picture.values.data() + first[i];
-    const float* const low = top + picture.width;
-    const float s = columns[i], upper = top[0] + s * (top[1] - top[0]),
-                lower = low[0] + s * (low[1] - low[0]);
-    seen[i] = upper + rows[i] * (lower - upper);
-  }
+  for (std::size_t i = 0; i < seen.size(); ++i)
+    seen[i] = interpolated(picture.values.data() + first[i], picture.width, columns[i], rows[i]);
   if (!normalise(seen)) return -1;
   float sum = 0;
   for (std::size_t i = 0; i < seen.size(); ++i) sum += values_[i] * seen[i];

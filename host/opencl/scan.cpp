@@ -21,7 +21,7 @@ Blocks group_blocks(std::uint64_t elements) {
 
 // Divides the elements into so few blocks that each work-group can add the sums of all blocks before its own.
 Blocks few_group_blocks(std::uint64_t elements) {
-  constexpr std::uint64_t kMost = 1024;
+  constexpr std::uint64_t kMost = 1024;  // kAreaBlocks of kernels/opencl/tile_lists.cl
   const std::uint64_t size =
       std::max<std::uint64_t>(stage_sizes::kGroupBlock, round_up(divide_up(elements, kMost), kGroupSize));
   return {static_cast<std::uint32_t>(size), std::max<std::size_t>(1, divide_up(elements, size)), kGroupSize};

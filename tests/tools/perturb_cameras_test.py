@@ -80,6 +80,16 @@ class Scale(unittest.TestCase):
                     self.assertEqual([struct.unpack_from("<3d", points, at) for at in (16, 67)],
                                      [(1e4, 2e4, 3e4), (2e4, 2e4, 3e4)])
 
+    def test_a_folder_without_known_cameras_is_refused(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            data, out = pathlib.Path(temporary, "data"), pathlib.Path(temporary, "out")
+            data.mkdir()
+            (data / "transforms.json").write_text("{}")
+            done = subprocess.run([sys.executable, SCRIPT, "scale", data, out, "2"], stderr=subprocess.PIPE, text=True)
+            self.assertEqual(done.returncode, 1)
+            self.assertIn("no poses_bounds.npy", done.stderr)
+            self.assertFalse(out.exists())
+
 
 if __name__ == "__main__":
     unittest.main()

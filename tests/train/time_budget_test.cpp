@@ -242,6 +242,14 @@ TrainSettings budgeted_settings() {
   return settings;
 }
 
+// Checks that the settings of a finished run give the same bits without a clock.
+void check_repeats(Device& device, const test::Data& data, const TrainSettings& ended,
+                   const std::vector<float>& values) {
+  Trainer again(device, ended, data.train, test::kNone, test::start(budgeted_settings()));
+  again.run([](const StepReport&) { return true; });
+  CHECK(test::same_bits(again.model().values, values));
+}
+
 // Iterations take `seconds_of` on the simulated clock. `from` is a state to resume from, with its settings.
 struct Kept {
   TrainState state;
@@ -299,9 +307,7 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
         for (const FieldValue& field : bind_fields(written, train_fields()))
           if (field.key == std::string(key))
             set_field(bind_fields(read, train_fields()), key, field_text(field), "test");
-      Trainer again(*device, read, data.train, test::kNone, test::start(settings));
-      again.run([](const StepReport&) { return true; });
-      CHECK(test::same_bits(again.model().values, run.model.values));
+      check_repeats(*device, data, read, run.model.values);
       // Resumes the run from a state in the middle, first without a clock and then with the same clock.
       TrainSettings rest = read;
       Trainer without(*device, rest, data.train, test::kNone, test::start(settings));
@@ -320,9 +326,7 @@ TEST_CASE("time budget: settings reproduce the run without a clock, and so does 
         INFO(more << " s more: " << other.seconds << " s of " << end << ", " << other.settings.work_shares);
         CHECK(other.seconds == Approx(end).margin(1));
         CHECK(share_points(other.settings).back().share == 1);
-        Trainer repeated(*device, other.settings, data.train, test::kNone, test::start(settings));
-        repeated.run([](const StepReport&) { return true; });
-        CHECK(test::same_bits(repeated.model().values, other.model.values));
+        check_repeats(*device, data, other.settings, other.model.values);
       }
     }
 }
@@ -362,9 +366,7 @@ TEST_CASE("time budget: a run that ends early can be repeated, and resumed from 
     CHECK(share_points(ended).back().share == 1);
     CHECK(WorkShare(ended).at(76) == kLastPart);
     // The settings repeat the run without a clock.
-    Trainer again(*device, ended, data.train, test::kNone, test::start(settings));
-    again.run([](const StepReport&) { return true; });
-    CHECK(test::same_bits(again.model().values, trainer.model().values));
+    check_repeats(*device, data, ended, trainer.model().values);
     // The last state that was saved is that before the cool-down. A run that continues there is the one that
     // would have taken place without complete_in().
     REQUIRE(kept.size() == 1);
@@ -411,10 +413,8 @@ TEST_CASE("time budget: a finished run goes on for a time, and can be repeated",
     CHECK(ended.iterations > run.settings.iterations + 150);
     CHECK(ended.work_shares.starts_with(run.settings.work_shares + ","));
     CHECK(trainer.splats() == run.splats);
-    Trainer again(*device, ended, data.train, test::kNone, test::start(settings));
-    again.run([](const StepReport&) { return true; });
-    CHECK(test::same_bits(again.model().values, trainer.model().values));
-    CHECK_FALSE(test::same_bits(again.model().values, run.model.values));
+    check_repeats(*device, data, ended, trainer.model().values);
+    CHECK_FALSE(test::same_bits(trainer.model().values, run.model.values));
   }
 }
 

@@ -135,8 +135,8 @@ std::vector<Situation> situations() {
   };
   std::vector<Camera> forward, parallel, turning;
   for (int i = 0; i < 20; ++i) {
-    const Vec3 at{0.1 * (i % 5 - 2), 0,
-                  0.1 * (i / 5 - 1.5)};  // a corner of this grid is at a distance of 0.25
+    // A corner of this grid is at a distance of 0.25 from its centre.
+    const Vec3 at{0.1 * (i % 5 - 2), 0, 0.1 * (i / 5 - 1.5)};
     forward.push_back(camera(3.0 * at, {0, 5, 0}));
     parallel.push_back(camera(at, at + Vec3{0, 1, 0}));
     turning.push_back(camera({0, 0, 0}, {std::cos(0.3 * i), std::sin(0.3 * i), 0}));
