@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // ubs convert: converts model files between formats. Importing into the ubs format is exact. Exporting is
-// lossless for models of Gaussians; for other models it fixes the time and averages over the directions. The
-// loss of quality is measured by rendering both models. The images are compared with each other, and with
-// --data also with the images of the data.
+// lossless for models of Gaussians. For other models it fixes the time, averages over the directions, and
+// fits the result to renders of the model. The loss of quality is measured by rendering both models. The
+// images are compared with each other, and with --data also with the images of the data.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 
+#include "host/api/camera_path.hpp"
 #include "host/api/distill.hpp"
 #include "host/api/export_model.hpp"
 #include "host/api/open_data.hpp"
 #include "host/api/proved_device.hpp"
+#include "host/api/scene_frame.hpp"
 #include "host/base/error.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/gaussian_model.hpp"
@@ -36,19 +39,30 @@ namespace fs = std::filesystem;
 // Maximum number of viewpoints for the average over directions; more make no visible difference.
 constexpr std::size_t kMaxViewpoints = 64;
 constexpr int kMaxSeries = 1000;    // maximum number of time samples
-constexpr double kGoodExport = 35;  // PSNR below which advice is given [dB]
+constexpr double kFitSeconds = 30;  // default of --distill
+constexpr int kPathCameras = 48;    // for fitting without data
+// A fit that nobody asked for is skipped if its minimum number of iterations takes longer than this.
+constexpr double kMaxFitSeconds = 3 * kFitSeconds;
+constexpr double kGoodExport = 40;  // PSNR below which advice is given [dB]
 
 struct ConvertOptions {
   explicit ConvertOptions(CLI::App& app) : settings(app, drawing_keys()) {}
   SettingsOptions settings;
-  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill,
+  std::string from, to, format = "auto", data, split = "test", device, opacity = "mean", distill = "auto",
                         conditioning;
   double time = 0;
   int degree = 3, series = 0;
   bool json = false, overwrite = false, no_measure = false;
-  CLI::Option *split_option = nullptr, *time_option = nullptr, *opacity_option = nullptr;
+  CLI::Option *split_option = nullptr, *time_option = nullptr, *opacity_option = nullptr,
+              *degree_option = nullptr;
   RunData run;
+  std::string camera_data;  // data whose training cameras are used: --data, or the data of the run
   bool split_given() const { return split_option->count() > 0; }
+  bool fit_requested() const { return distill != "auto" && fit_seconds() > 0; }
+  double fit_seconds() const {
+    if (distill == "auto") return kFitSeconds;
+    return distill == "0" ? 0 : time_budget_seconds(distill);
+  }
 };
 
 const SplatFormat& target_format(const ConvertOptions& options, const SplatFormat& source) {
@@ -84,8 +98,8 @@ std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
                                               const std::array<double, 3>& offset,
                                               const TrainSettings& settings) {
   std::vector<std::array<double, 3>> places;
-  if (options.data.empty()) return places;
-  Dataset data = open_dataset(options.run.opened, options.data, {}, settings, Images::skip);
+  if (options.camera_data.empty()) return places;
+  Dataset data = open_dataset(options.run.opened, options.camera_data, {}, settings, Images::skip);
   Split train = take_split(data, data.find("train") ? "train" : options.split);
   rebase(train.views, data.offset, offset);
   const std::size_t step = (train.views.size() + kMaxViewpoints - 1) / kMaxViewpoints;
@@ -104,45 +118,59 @@ std::string file_of(const ConvertOptions& options, const SplatFormat& format, in
 
 // Returns advice for an export that has lost much quality.
 std::string advice(const ConvertOptions& options, const MixedModel& model) {
-  if (std::ranges::all_of(model.groups, is_gaussian_model))
+  if (!loses_in_closed_form(model))
     return "choose .ply or .glb, which store the numbers of these Gaussians exactly";
   return fmt::format(
-      "{}train with --dim 3 --kernel gaussian --colour sh3 for a model that exports without loss",
-      options.distill.empty() ? "add --distill 60s to fit the Gaussians to the model, or " : "");
+      "fit longer (--distill {}), or train with --dim 3 --kernel gaussian --colour sh3 for a model "
+      "that exports without loss",
+      options.fit_seconds() < 60 ? "60s" : "5m");
 }
 
-// Adds the loss of an export that is not exact. If this machine cannot render, the file is still converted,
-// and a remark states that the loss was not measured.
-void add_loss(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
-              const TrainSettings& settings, Json& json) {
-  if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
+// Calls `work`. If this machine cannot render, adds a remark that begins with `what` instead.
+template <typename Work>
+void if_renders(const char* what, std::vector<std::string>& remarks, const Work& work) {
   try {
-    const MixedModel written = exact_model(read_foreign_splats(options.to));
-    const auto loss = measure_loss(options.device, loaded, written, settings, options.time);
-    if (!loss) return;
-    json["loss"] = {{"psnr", loss->own}, {"psnr_on_black", loss->black}, {"cameras", loss->cameras}};
-    if (std::min(loss->own, loss->black) < kGoodExport)
-      json["loss"]["advice"] = advice(options, loaded.model);
+    work();
   } catch (const Error& error) {
     const ErrorKind kind = error.kind();
     if (kind != ErrorKind::device && kind != ErrorKind::build && kind != ErrorKind::memory &&
         kind != ErrorKind::faulty)
       throw;
-    json["remarks"].push_back(fmt::format("the loss of quality was not measured: {}", error.what()));
+    remarks.push_back(fmt::format("{}: {}", what, error.what()));
   }
+}
+
+// Adds the loss of an export that is not exact. `closed_form` are the splats before they were fitted.
+void add_loss(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
+              const std::optional<ImportedSplats>& closed_form, const TrainSettings& settings, Json& json) {
+  if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
+  std::vector<std::string> remarks;
+  if_renders("the loss of quality was not measured", remarks, [&] {
+    LossMeter meter(options.device, loaded, settings, options.time);
+    if (meter.cameras() == 0) return;
+    const ExportLoss loss = meter.measure(exact_model(read_foreign_splats(options.to)));
+    json["loss"] = {{"psnr", loss.own}, {"psnr_on_black", loss.black}, {"cameras", meter.cameras()}};
+    if (closed_form) json["loss"]["psnr_without_fit"] = meter.measure(exact_model(*closed_form)).own;
+    if (std::min(loss.own, loss.black) < kGoodExport) json["loss"]["advice"] = advice(options, loaded.model);
+  });
+  for (std::string& remark : remarks) json["remarks"].push_back(std::move(remark));
 }
 
 void report(const ConvertOptions& options, const SplatFormat& format, const Json& json) {
   if (options.json) return print_json(json);
   for (const auto& remark : json["remarks"]) say("{}\n", remark.get<std::string>());
   if (json.contains("psnr_before"))
-    say("PSNR {:.2f} dB before, {:.2f} dB after: {:+.2f} dB on '{}'\n", json["psnr_before"].get<double>(),
-        json["psnr_after"].get<double>(),
+    say("quality  PSNR {:.2f} dB before, {:.2f} dB after the conversion: {:+.2f} dB on the images of '{}'\n",
+        json["psnr_before"].get<double>(), json["psnr_after"].get<double>(),
         json["psnr_after"].get<double>() - json["psnr_before"].get<double>(), options.split);
   if (json.contains("loss")) {
     const Json& loss = json["loss"];
-    say("quality  PSNR {:.2f} dB against the model itself, {:.2f} dB on black (mean of {} cameras)\n",
-        loss["psnr"].get<double>(), loss["psnr_on_black"].get<double>(), loss["cameras"].get<std::size_t>());
+    say("quality  PSNR {:.2f} dB against the model itself{}, {:.2f} dB on black (mean of {} cameras)\n",
+        loss["psnr"].get<double>(),
+        loss.contains("psnr_without_fit")
+            ? fmt::format(" ({:.2f} dB without the fit)", loss["psnr_without_fit"].get<double>())
+            : "",
+        loss["psnr_on_black"].get<double>(), loss["cameras"].get<std::size_t>());
     if (loss.contains("advice")) say("         {}\n", loss["advice"].get<std::string>());
   }
   if (json.contains("psnr"))
@@ -170,7 +198,7 @@ ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
 // splats do not correspond.
 void write_moments(const ConvertOptions& options, const SplatFormat& format, SplatSeries series,
                    float least_opacity, std::vector<std::string>& remarks, Json& json) {
-  if (!options.distill.empty() || !series.finish(least_opacity)) {
+  if (json.contains("distilled") || !series.finish(least_opacity)) {
     series.keep_apart();
     remarks.emplace_back(
         "the splats of different time samples do not correspond, so other programs show each time sample "
@@ -183,23 +211,119 @@ void write_moments(const ConvertOptions& options, const SplatFormat& format, Spl
   json["moments"] = series.size();
 }
 
-// Exports one or several time samples of a dynamic model, distilled if requested.
+[[noreturn]] void refuse_degree() {
+  fail(ErrorKind::usage, "--degree requires that the Gaussians are fitted to the model: pass --distill TIME");
+}
+
+// Returns whether the export is fitted to renders of the model.
+bool fits(const ConvertOptions& options, const MixedModel& model) {
+  if (options.distill == "auto" && options.series > 0) return false;  // a fit takes its time for each sample
+  return options.fit_requested() || (options.fit_seconds() > 0 && loses_in_closed_form(model));
+}
+
+// Finds the training cameras of the run, unless --data names others. Data that are not found are no error,
+// because the model lists a few of the cameras.
+void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
+  if (!options.data.empty() || !fits(options, loaded.model)) return;
+  try {
+    options.run = use_run_data(options.from, options.camera_data);
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::usage && error.kind() != ErrorKind::data) throw;
+    if (options.fit_requested() && loaded.notes.cameras.empty()) throw;
+  }
+}
+
+// Returns the few cameras that the model lists and, because these alone show too little, cameras on a path
+// between them.
+std::vector<Camera> cameras_to_fit(const LoadedModel& loaded) {
+  std::vector<Camera> cameras = noted_cameras(loaded.model, loaded.notes.cameras);
+  if (cameras.size() < 2) return cameras;
+  const Camera& first = cameras.front();
+  const Canvas canvas{first.width, first.height, first.extra};
+  const std::unique_ptr<CameraPath> path = walk_path(cameras, pose_of(first).fov);
+  for (const double u : path_moments(kPathCameras, path->closed()))
+    cameras.push_back(camera_at(path->at(u), canvas));
+  return cameras;
+}
+
+// Opens the distiller with the training cameras of the data or, if there are none, with the cameras that the
+// model lists. If that is not possible and the fit was not requested, adds a remark instead.
+void open_distiller(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
+                    const TrainSettings& settings, std::optional<Distiller>& distiller,
+                    std::vector<std::string>& remarks) {
+  Split views{.name = "cameras of the model", .views = {}};
+  if (!options.camera_data.empty())
+    views = open_split_for(loaded.offset, options.camera_data, "train", settings, Images::skip,
+                           options.run.opened);
+  else
+    for (const Camera& camera : cameras_to_fit(loaded))
+      views.views.push_back({.name = "camera", .camera = camera});
+  if (views.views.empty()) {
+    remarks.emplace_back(
+        "the Gaussians were not fitted to the model, because it lists no cameras: pass the data with --data");
+    return;
+  }
+  for (const SplatModel& group : loaded.model.groups) check_query(views, group.dim);
+  const auto open = [&] {
+    distiller.emplace(open_proved_device(options.device, drawing_use(loaded.model, settings, true)),
+                      loaded.model, settings, std::move(views), std::min(options.degree, format.degree));
+  };
+  if (options.fit_requested())
+    open();
+  else
+    if_renders("the Gaussians were not fitted to the model", remarks, open);
+}
+
+// Fits the splats of a time sample, unless this takes too long.
+ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, double time, ImportedSplats splats,
+                      std::vector<std::string>& said, Json& json) {
+  const double seconds = options.fit_seconds() / std::max(1, options.series);
+  bool declined = false;
+  const Distilled distilled = distiller.at(time, splats, seconds, [&](const DistillPlan& plan) {
+    const bool least = plan.iterations == kMinIterations;
+    declined = !options.fit_requested() && least && plan.seconds > kMaxFitSeconds;
+    if (declined)
+      said.push_back(
+          fmt::format("the Gaussians were not fitted to the model, because {} iterations, the "
+                      "minimum, take about {:.0f} s: pass --distill {:.0f}s",
+                      kMinIterations, plan.seconds, std::ceil(plan.seconds)));
+    else
+      remark(
+          "ubs: fitting {} Gaussians to {} renders of the model: {} iterations{} in about {:.0f} s "
+          "(--distill)\n",
+          splats.count(), plan.renders, plan.iterations, least ? ", the minimum," : "", plan.seconds);
+    return !declined;
+  });
+  if (declined) return splats;
+  const bool better = distilled.after > distilled.before;
+  said.push_back(fmt::format(
+      "fitted to renders of the model in {:.1f} s, {} iterations{}", distilled.seconds, distilled.iterations,
+      better ? "" : ", which did not improve the Gaussians, so they were left as they were"));
+  if (options.series > 0 || options.no_measure)
+    said.back() += fmt::format(": PSNR {:.2f} -> {:.2f} dB", distilled.before, distilled.after);
+  json["distilled"].push_back({{"time", time},
+                               {"seconds", distilled.seconds},
+                               {"iterations", distilled.iterations},
+                               {"psnr_before", distilled.before},
+                               {"psnr_after", distilled.after}});
+  return distilled.splats;
+}
+
+// Exports one or several time samples of a dynamic model. If they are fitted, `closed_form` receives the
+// splats of the last one before the fit.
 Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, const LoadedModel& loaded,
-                      const TrainSettings& settings) {
+                      const TrainSettings& settings, std::optional<ImportedSplats>& closed_form) {
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
     fail(ErrorKind::usage, "{}: --time and --series require a model that depends on time", options.from);
   ReduceOptions reduce = reduction(options, model, loaded.offset, settings);
-  std::optional<Distiller> distiller;
   const int moments = std::max(1, options.series);
-  if (!options.distill.empty()) {
-    Split views =
-        open_split_for(loaded.offset, options.data, "train", settings, Images::skip, options.run.opened);
-    for (const SplatModel& group : model.groups) check_query(views, group.dim);
-    distiller.emplace(open_proved_device(options.device, drawing_use(model, settings, true)), model, settings,
-                      std::move(views), options.degree);
-  }
   std::vector<std::string> remarks = loaded.remarks;
+  std::optional<Distiller> distiller;
+  if (fits(options, model))
+    open_distiller(options, format, loaded, settings, distiller, remarks);
+  else if (options.degree_option->count() > 0)
+    refuse_degree();
   Json json = Json::object();
   SplatSeries series;
   const bool one_file = options.series > 0 && format.write_series;
@@ -220,18 +344,8 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
     std::vector<std::string> said;
     ImportedSplats splats = exported_splats(format, model, loaded.offset, reduce, said);
     if (distiller) {
-      Distilled distilled =
-          distiller->at(reduce.time, splats, time_budget_seconds(options.distill) / moments);
-      splats = std::move(distilled.splats);
-      said.push_back(
-          fmt::format("distilled in {:.1f} s, {} iterations: PSNR {:.2f} dB against renders of the original "
-                      "model, {:.2f} dB before",
-                      distilled.seconds, distilled.iterations, distilled.after, distilled.before));
-      json["distilled"].push_back({{"time", reduce.time},
-                                   {"seconds", distilled.seconds},
-                                   {"iterations", distilled.iterations},
-                                   {"psnr_before", distilled.before},
-                                   {"psnr_after", distilled.after}});
+      closed_form = splats;
+      splats = fitted(options, *distiller, reduce.time, std::move(splats), said, json);
     }
     if (one_file) {
       series.add(std::move(splats));
@@ -282,8 +396,9 @@ Json recondition(const ConvertOptions& options, const LoadedModel& loaded, const
   return json;
 }
 
-Json export_model(const ConvertOptions& options, const SplatFormat& format) {
+Json export_model(ConvertOptions& options, const SplatFormat& format) {
   const LoadedModel loaded = load_splat_model(options.from);
+  if (!format.ours()) find_cameras(options, loaded);
   const MixedModel& model = loaded.model;
   const std::array<double, 3>& offset = loaded.offset;
   const TrainSettings settings = drawing_settings(options.settings, loaded, options.from, options.run);
@@ -292,14 +407,15 @@ Json export_model(const ConvertOptions& options, const SplatFormat& format) {
     write_mixed_ply(options.to, model, loaded.comments);
     return {{"splats", model.count()}, {"remarks", loaded.remarks}};
   }
-  Json json = export_gaussians(options, format, loaded, settings);
+  std::optional<ImportedSplats> closed_form;
+  Json json = export_gaussians(options, format, loaded, settings, closed_form);
   const Background& behind = settings.background;
   if (behind != Background{})
     json["remarks"].push_back(fmt::format(
         "the model was trained on {} {}, which this format does not store: other programs use black or their "
         "own background",
         behind.harmonics.empty() ? "background" : "a sky of mean colour", fmt::join(behind.colour, ",")));
-  add_loss(options, format, loaded, settings, json);
+  add_loss(options, format, loaded, closed_form, settings, json);
   if (options.data.empty() || options.series > 0) return json;
   // Compare with the written file, including its quantisation, rendered as other tools render it.
   const SplatModel written = exact_model(read_foreign_splats(options.to));
@@ -339,17 +455,15 @@ std::vector<fs::path> files_of(const ConvertOptions& options, const SplatFormat&
 
 int run(ConvertOptions& options) {
   files_before_output();
+  // fit_seconds() throws for an invalid time.
+  if (options.fit_seconds() == 0 && options.degree_option->count() > 0) refuse_degree();
   using Holds = SplatFormat::Holds;
   const SplatFormat& source = detect_splat_format(options.from);
   const SplatFormat& format = target_format(options, source);
   const bool exports = source.ours() && format.holds == Holds::gaussians;
-  if ((!options.distill.empty() || options.series > 0) && !exports)
+  if ((options.distill != "auto" || options.series > 0) && !exports)
     fail(ErrorKind::usage, "--distill and --series only apply when exporting a ubs model as Gaussians");
-  if (!options.distill.empty()) {
-    time_budget_seconds(options.distill);  // throws for an invalid budget
-    options.run = use_run_data(options.from, options.data);
-    if (!options.split_given()) options.split = "train";
-  }
+  if (options.degree_option->count() > 0 && !exports) refuse_degree();
   if (!options.conditioning.empty() && !(source.ours() && format.ours()))
     fail(ErrorKind::usage, "--conditioning only applies when converting a ubs model to a ubs model");
   if (source.holds == Holds::beta && format.holds == Holds::gaussians)
@@ -375,8 +489,8 @@ int run(ConvertOptions& options) {
     fail(ErrorKind::usage,
          "--data is not used here: quality is measured only between ubs and another format, or with "
          "--conditioning");
-  if (options.distill.empty() && source.ours() && !options.data.empty())
-    options.run = use_run_data(options.from, options.data);
+  options.camera_data = options.data;
+  if (source.ours() && !options.data.empty()) options.run = use_run_data(options.from, options.data);
   check_output_files(files_of(options, format), {options.from, options.data}, options.overwrite);
   if (format.require_writer) format.require_writer();
   Json json = source.ours() ? export_model(options, format) : import_model(options, format);
@@ -421,21 +535,23 @@ Command add_convert(CLI::App& root) {
          "--data", options->data,
          "data folder to measure the quality on; view directions are averaged over its training cameras")
       ->type_name("DIR");
-  options->split_option = app->add_option("--split", options->split,
-                                          "split to measure the quality on [test; with --distill train]")
-                              ->type_name("NAME");
+  options->split_option =
+      app->add_option("--split", options->split, "split to measure the quality on [test]")->type_name("NAME");
   app->add_option("--conditioning", options->conditioning,
                   "convert a ubs model to this kind of conditioning: direct or covariance (docs/method.md 9)")
       ->check(CLI::IsMember({"direct", "covariance"}))
       ->type_name("FORM");
-  app->add_option("--distill", options->distill,
-                  "fit the exported Gaussians to renders of the model from the training cameras (of --data, "
-                  "otherwise of the run) for about this time, such as 60s or 5m")
+  app->add_option(
+         "--distill", options->distill,
+         fmt::format("time for fitting the exported Gaussians to renders of the model from the training "
+                     "cameras (of --data, otherwise of the run or the model), such as 60s or 5m; 0: no "
+                     "fit [{:.0f}s if the export changes the model; with --series 0]",
+                     kFitSeconds))
       ->type_name("TIME");
-  app->add_option("--degree", options->degree, "degree of the spherical harmonics of distilled Gaussians [3]")
-      ->check(from_to(0, 3))
-      ->needs("--distill")
-      ->type_name("K");
+  options->degree_option = app->add_option("--degree", options->degree,
+                                           "degree of the spherical harmonics of fitted Gaussians [3]")
+                               ->check(from_to(0, 3))
+                               ->type_name("K");
   app->add_option("--series", options->series,
                   "number of time samples from time 0 to 1, written as files TO-000, TO-001, ..., or into "
                   "one USD file; they share the time of --distill")

@@ -57,33 +57,37 @@ double mean_psnr(const std::vector<std::vector<float>>& truth,
 
 }  // namespace
 
-bool exports_exactly(const SplatFormat& format, const MixedModel& model) {
-  const ModelVariant& variant = model.variant();
-  return std::ranges::all_of(model.groups, is_gaussian_model) && variant.lobes() == 0 && !format.rounds &&
-         (format.keeps_antialiasing || variant.antialias == Antialias::off);
+bool loses_in_closed_form(const MixedModel& model) {
+  return !std::ranges::all_of(model.groups, is_gaussian_model) || model.variant().lobes() > 0;
 }
 
-std::optional<ExportLoss> measure_loss(const std::string& device, const LoadedModel& loaded,
-                                       const MixedModel& written, TrainSettings settings, double time) {
+bool exports_exactly(const SplatFormat& format, const MixedModel& model) {
+  return !loses_in_closed_form(model) && !format.rounds &&
+         (format.keeps_antialiasing || model.variant().antialias == Antialias::off);
+}
+
+LossMeter::LossMeter(std::string device, const LoadedModel& loaded, const TrainSettings& settings,
+                     double time)
+    : device_(std::move(device)), settings_(settings) {
   std::vector<Camera> cameras =
       evenly_chosen(noted_cameras(loaded.model, loaded.notes.cameras), kLossCameras);
-  if (cameras.empty()) return {};
-  Split split{.name = "cameras of the model", .views = {}};
   for (Camera& camera : cameras) {
     if (loaded.model.has_time()) camera.time = time;
     reduce_to(camera, kLossPixels);
-    split.views.push_back({.name = "camera", .camera = camera});
+    split_.views.push_back({.name = "camera", .camera = camera});
   }
-  std::vector<std::vector<float>> own, black;
-  {
-    ModelSession session(device, loaded.model, split, settings, false);
-    own = images_of(session, cameras.size(), false);
-    black = images_of(session, cameras.size(), true);
-  }
+  if (cameras.empty()) return;
+  ModelSession session(device_, loaded.model, split_, settings_, false);
+  own_ = images_of(session, cameras.size(), false);
+  black_ = images_of(session, cameras.size(), true);
+}
+
+ExportLoss LossMeter::measure(const MixedModel& written) {
+  TrainSettings settings = settings_;
   settings.eps2d = kGaussianBlur;
-  ModelSession session(device, written, split, settings, false);
-  return ExportLoss{mean_psnr(own, images_of(session, cameras.size(), false)),
-                    mean_psnr(black, images_of(session, cameras.size(), true)), cameras.size()};
+  ModelSession session(device_, written, split_, settings, false);
+  return {mean_psnr(own_, images_of(session, cameras(), false)),
+          mean_psnr(black_, images_of(session, cameras(), true))};
 }
 
 }  // namespace ubs::tools

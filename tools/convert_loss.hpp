@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// measure_loss() measures what an exported file has lost: it renders the model and the file from cameras that
-// the model lists, and compares the images. It needs no data.
+// LossMeter measures what an exported file has lost: it renders the model and the file from cameras that the
+// model lists, and compares the images. It needs no data.
 #pragma once
 
-#include <optional>
 #include <string>
+#include <vector>
 
 #include "host/data/splat_file.hpp"
+#include "host/scene/dataset.hpp"
 #include "host/scene/mixed_model.hpp"
 #include "host/scene/train_settings.hpp"
 
@@ -17,18 +18,30 @@ struct ExportLoss {
   // in front of the background of the model. For `black`, both are rendered in front of black, because most
   // programs show the file in this way.
   double own = 0, black = 0;
-  std::size_t cameras = 0;
 };
 
+// Returns whether the conversion to Gaussians changes the model, apart from rounding.
+bool loses_in_closed_form(const MixedModel& model);
 // Returns whether a file of this format stores the model exactly.
 bool exports_exactly(const SplatFormat& format, const MixedModel& model);
 
-// Measures at most kLossCameras of the cameras that the model lists, reduced to kLossPixels. `written` is the
-// file as it is read again; it is rendered as other programs render Gaussians. A model that depends on time
-// is rendered at `time`. Returns nothing if the model lists no cameras.
+// Compares at most kLossCameras of the cameras that the model lists, reduced to kLossPixels.
 inline constexpr std::size_t kLossCameras = 4;
 inline constexpr int kLossPixels = 800;  // longer side
-std::optional<ExportLoss> measure_loss(const std::string& device, const LoadedModel& loaded,
-                                       const MixedModel& written, TrainSettings settings, double time);
+class LossMeter {
+ public:
+  // Renders the model. A model that depends on time is rendered at `time`.
+  LossMeter(std::string device, const LoadedModel& loaded, const TrainSettings& settings, double time);
+  std::size_t cameras() const { return split_.views.size(); }  // 0: the model lists none
+  // `written` are the splats as they are read from the file; they are rendered as other programs render
+  // Gaussians. Requires cameras.
+  ExportLoss measure(const MixedModel& written);
+
+ private:
+  std::string device_;
+  TrainSettings settings_;
+  Split split_{.name = "cameras of the model", .views = {}};
+  std::vector<std::vector<float>> own_, black_;
+};
 
 }  // namespace ubs::tools

@@ -3,8 +3,11 @@
 #include "host/api/distill.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 
 #include "host/api/model_session.hpp"
+#include "host/base/philox.hpp"
 #include "host/base/stopwatch.hpp"
 #include "host/data/gaussian_model.hpp"
 #include "host/data/image.hpp"
@@ -14,6 +17,11 @@
 
 namespace ubs {
 namespace {
+
+constexpr std::size_t kTestRenders = 4, kLeastRenders = 12;
+constexpr double kShareOfRenders = 0.25;             // of the time
+constexpr double kGoldenShare = 0.618;               // golden ratio - 1
+constexpr std::uint32_t kColourStream = 0x64697374;  // separates these random numbers from all others
 
 // Returns the same splats with harmonics of this degree: missing ones are zero, higher ones are dropped.
 ImportedSplats with_degree(const ImportedSplats& splats, int degree) {
@@ -34,6 +42,23 @@ double unit_of(const Split& views, const SplatModel& model) {
   return median_depth(cameras_of(views), centres).value_or(1);
 }
 
+// Returns the numbers 0 to n - 1 in an order in which the first numbers of any count are spread over the
+// range.
+std::vector<std::size_t> scattered_order(std::size_t n) {
+  std::size_t step =
+      std::max<std::size_t>(1, static_cast<std::size_t>(kGoldenShare * static_cast<double>(n)));
+  while (std::gcd(step, n) > 1) ++step;
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < n; ++i) order.push_back(i * step % n);
+  return order;
+}
+
+Image8 rendered(ModelSession& session, std::uint32_t camera, const RenderSettings& settings) {
+  session.renderer().forward(session.model().view(), camera, settings, false);
+  const RenderedView drawn = session.renderer().download();
+  return image_from_interleaved(drawn.rgb, drawn.width, drawn.height);
+}
+
 // Returns the settings for the training. They keep the number of splats constant.
 TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel& initial) {
   TrainSettings s = fast_settings();
@@ -41,6 +66,8 @@ TrainSettings distilling_settings(const TrainSettings& drawing, const SplatModel
   s.variant = initial.variant;
   s.eps2d = kGaussianBlur;
   s.background = drawing.background;
+  s.background.learnt = Background::Learnt::no;
+  s.random_background = RandomBackground::off;  // each view has a background of its own
   s.near_plane = planes_of(drawing).near;
   s.far_plane = planes_of(drawing).far;
   s.cap_max = static_cast<int>(initial.count);
@@ -61,59 +88,84 @@ Distiller::Distiller(std::shared_ptr<Device> device, const MixedModel& model, Tr
       degree_(degree) {
   // All views are rendered with the same time value, so one of several views that differ only in time is
   // enough.
+  std::vector<View> different;
   for (View& view : views.views) {
     view.camera.time = 0;
-    if (std::ranges::find(views_.views, view.camera, &View::camera) == views_.views.end())
-      views_.views.push_back(std::move(view));
+    if (std::ranges::find(different, view.camera, &View::camera) == different.end())
+      different.push_back({.name = view.name, .camera = view.camera, .image = {}, .source = nullptr});
   }
+  for (const std::size_t i : scattered_order(different.size()))
+    views_.views.push_back(std::move(different[i]));
 }
 
-Split Distiller::pictures(double time) {
-  Split split = views_;
-  for (View& view : split.views) {
-    view.camera.time = time;
-    view.source = nullptr;
-    view.masked = false;
-  }
+Split Distiller::test_renders(double time) {
+  Split split{views_.name,
+              {views_.views.begin(), views_.views.begin() + std::min(kTestRenders, views_.views.size())}};
   ModelSession session(device_, model_, drawing_, false);
+  for (View& view : split.views) view.camera.time = time;
   session.renderer().set_cameras(cameras_of(split));
-  for (std::size_t v = 0; v < split.views.size(); ++v) {
-    session.renderer().forward(session.model().view(), static_cast<std::uint32_t>(v), session.settings(),
-                               false);
-    const RenderedView drawn = session.renderer().download();
-    split.views[v].image = image_from_interleaved(drawn.rgb, drawn.width, drawn.height);
+  for (std::uint32_t v = 0; v < split.views.size(); ++v)
+    split.views[v].image = rendered(session, v, session.settings());
+  return split;
+}
+
+Split Distiller::renders(double time, double seconds) {
+  const Stopwatch watch;
+  Split split{views_.name, {}};
+  ModelSession session(device_, model_, drawing_, false);
+  std::vector<Camera> cameras = cameras_of(views_);
+  for (Camera& camera : cameras) camera.time = time;
+  session.renderer().set_cameras(cameras);
+  const CounterRandom random(drawing_.seed, kColourStream);
+  for (std::uint32_t v = 0; v < cameras.size(); ++v) {
+    if (v >= kLeastRenders && watch.seconds() > seconds) break;
+    RenderSettings settings = session.settings();
+    settings.sky.reset();
+    for (std::uint32_t c = 0; c < 3; ++c)  // a colour that 8 bits represent exactly
+      settings.background[c] = static_cast<float>(std::round(255 * random.uniform(v, c)) / 255);
+    View view = views_.views[v];
+    view.camera = cameras[v];
+    view.image = rendered(session, v, settings);
+    view.background = settings.background;
+    split.views.push_back(std::move(view));
   }
   return split;
 }
 
-Distilled Distiller::at(double time, const ImportedSplats& closed_form, double seconds) {
+Distilled Distiller::at(double time, const ImportedSplats& closed_form, double seconds,
+                        const std::function<bool(const DistillPlan&)>& start) {
   const Stopwatch watch;
-  Split train = pictures(time);
+  Split test = test_renders(time), train = renders(time, kShareOfRenders * seconds);
   SplatModel initial = exact_model(with_degree(closed_form, degree_));
   TrainSettings settings = distilling_settings(drawing_, initial);
   const double unit = settings.unit = unit_of(train, initial);
   settings = in_unit(settings);
-  scale_lengths(train, 1 / unit);
+  for (Split* split : {&test, &train}) scale_lengths(*split, 1 / unit);
   scale_lengths(initial, 1 / unit);
   if (costs_.empty()) costs_ = measure_steps(*device_, settings, train, initial, initial.count);
   const double left = seconds - watch.seconds();
-  const bool enough = expected_seconds(kMinIterations, costs_, settings, train, initial.count) <= left;
+  const double least = expected_seconds(kMinIterations, costs_, settings, train, initial.count);
+  const bool enough = least <= left;
   const BudgetedRun run =
       enough ? choose_iterations({.seconds = left, .costs = costs_}, settings, train, initial.count)
              : BudgetedRun{fast_settings_for(settings, kMinIterations, initial.count), {}};
-  Trainer trainer(*device_, run.settings, train, train, initial);
-  if (enough) trainer.keep_to(run.budget);
-  Distilled out;
-  out.before = trainer.evaluate_test().mean.psnr_channel_mean;
-  trainer.run([&](const StepReport& report) {
-    if (report.test) out.after = report.test->mean.psnr_channel_mean;
-    return true;
-  });
-  SplatModel model = trainer.model();
-  scale_lengths(model, unit);
-  out.splats = to_imported_splats(model);
-  out.splats.offset = closed_form.offset;
-  out.iterations = trainer.iteration();
+  Distilled out{.splats = closed_form};
+  if (start({.renders = train.views.size(),
+             .iterations = run.settings.iterations,
+             .seconds = enough ? left : least})) {
+    Trainer trainer(*device_, run.settings, train, test, initial);
+    if (enough) trainer.keep_to(run.budget);
+    out.before = trainer.evaluate_test().mean.psnr_channel_mean;
+    trainer.run([&](const StepReport& report) {
+      if (report.test) out.after = report.test->mean.psnr_channel_mean;
+      return true;
+    });
+    SplatModel model = trainer.model();
+    scale_lengths(model, unit);
+    if (out.after > out.before) out.splats = to_imported_splats(model);
+    out.splats.offset = closed_form.offset;
+    out.iterations = trainer.iteration();
+  }
   out.seconds = watch.seconds();
   return out;
 }

@@ -164,6 +164,7 @@ constexpr SplatFormat kFormats[] = {
      .read = read_splat32,
      .write = write_splat32,
      .rounds = true,
+     .degree = 0,
      .remarks = splat32_remarks},
 };
 

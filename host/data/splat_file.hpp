@@ -45,6 +45,7 @@ struct SplatFormat {
   bool keeps_offset = false;
   bool keeps_antialiasing = false;  // stores whether splats were trained with it
   bool rounds = false;              // write() stores fewer bits than float32 or omits parameters
+  int degree = 3;                   // highest degree of the spherical harmonics that write() stores
   std::vector<std::string> (*remarks)(const ImportedSplats& splats) = nullptr;  // what else write() loses
   std::string_view second_extension = {};  // extension of files that the same function writes
   // For formats that store several time samples of a dynamic model in one file. Null: a file has only one.

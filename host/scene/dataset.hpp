@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -56,6 +57,8 @@ struct View {
   std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // camera of that image -> `camera`
   // Image file; empty if there is no image, or if it is in a video or packed file.
   std::filesystem::path file{};
+  // Background of the image, if it is not that of the settings. Only used for training.
+  std::optional<std::array<float, 3>> background{};
 
   bool has_image() const { return source != nullptr || !image.rgb.empty(); }
   Image8 load_image() const { return source ? source->load() : image; }

@@ -64,7 +64,12 @@ std::vector<Camera> TrainingViews::test_cameras() const {
   return cameras;
 }
 
-RenderSettings TrainingViews::settings_of(std::uint64_t draw, RenderSettings settings) const {
+RenderSettings TrainingViews::settings_of(std::uint64_t draw, RenderSettings settings) {
+  if (const auto& background = train_.views[order_(draw)].background) {
+    settings.background = *background;
+    settings.sky.reset();
+    return settings;
+  }
   if (settings_.random_background != RandomBackground::on) return settings;
   const CounterRandom random(settings_.seed, kBackgroundStream);
   for (std::uint32_t c = 0; c < 3; ++c)

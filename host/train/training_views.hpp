@@ -32,9 +32,9 @@ class TrainingViews {
   std::uint64_t batch() const { return batch_; }
   std::uint64_t first_draw(int iteration) const { return static_cast<std::uint64_t>(iteration - 1) * batch_; }
   std::uint32_t view_of(std::uint64_t draw) { return order_(draw); }
-  // Returns `settings` with the background for a draw. If the background is random, it has a different colour
-  // for each draw.
-  RenderSettings settings_of(std::uint64_t draw, RenderSettings settings) const;
+  // Returns `settings` with the background for a draw: that of the view (View::background) or, if the
+  // background is random, a different colour for each draw.
+  RenderSettings settings_of(std::uint64_t draw, RenderSettings settings);
 
   // Returns the factor by which training views are reduced at an iteration.
   int factor_at(const WorkShare& work, int iteration) const {

@@ -163,7 +163,8 @@ TEST_CASE("cli: an option is rejected if the option that it requires is missing"
   check_error(folder, "bench --data d --list", 2, "--data requires --model");
   check_error(folder, "accuracy --out a --split train", 2, "--split requires --model");
   check_error(folder, "accuracy --out a m --splats 100", 2, "--splats only applies to built-in scenes");
-  check_error(folder, "convert m.ply o.spz --degree 1", 2, "--degree requires --distill");
+  check_error(folder, "convert m.ply o.spz --degree 1 --distill 0", 2,
+              "--degree requires that the Gaussians");
   check_error(folder, "convert m.ply o.spz --series 2 --time 1", 2, "--time excludes");
   CHECK(file_count(folder.path()) == 2);  // stdout.txt and stderr.txt: nothing else was created
 }

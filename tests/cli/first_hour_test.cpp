@@ -103,7 +103,8 @@ TEST_CASE("a run stores its data folder and the settings for reading it") {
   CHECK_THAT(ubs_ok(folder, "compare --devices cpu sets/run --repeat 1").out, Contains("cpu"));
   ubs_ok(folder, "web sets/run sets/data --exact --out page.html");
   CHECK(get(folder / "page.html").find("\"width\":32") != std::string::npos);
-  const json exported = json::parse(ubs_ok(folder, "convert sets/run e.spz --data sets/data --json").out);
+  const json exported =
+      json::parse(ubs_ok(folder, "convert sets/run e.spz --data sets/data --distill 0 --json").out);
   CHECK(exported["psnr_before"] == trained);
   // The working folder of the command contains a different file with the name of the data of the run.
   put(folder / "x/sets/data/notes.txt", "no data");
@@ -606,7 +607,8 @@ TEST_CASE("a learnt background requires opaque images and is stored in the model
       for (const char* figure : {"psnr", "psnr_joint", "ssim"})
         CHECK(measured["mean"][figure] == trained["test"]["mean"][figure]);
     }
-    const std::string exported = ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz", out)).out;
+    const std::string exported =
+        ubs_ok(folder, fmt::format("convert {0}/model.ply {0}.spz --distill 0", out)).out;
     CHECK_THAT(exported, Contains(learnt == "sky" ? "on a sky of mean colour 0." : "on background 0."));
     ubs_ok(folder, fmt::format("report {0} --out {0}.html", out));
     const std::string page = fmt::format("web {0}/model.ply --exact --out {0}-page.html", out);

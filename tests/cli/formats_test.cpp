@@ -202,40 +202,66 @@ TEST_CASE("cli: convert distils time samples of a dynamic model from its own ren
   }
   CHECK(said["splats"] == splats);
   // With a single time sample, the file is also measured as other tools render it.
-  const json still = json::parse(ubs_ok(folder, "convert run s.ply --distill 2s --time 1 --json").out);
-  CHECK(still["psnr_before"].is_number());
-  CHECK(still["psnr_after"].is_number());
-  CHECK(still["distilled"][0]["psnr_after"].get<double>() >
-        still["distilled"][0]["psnr_before"].get<double>());
-  CHECK(still["loss"]["cameras"] == 4);
+  const Result still = ubs_ok(folder, "convert run s.ply --distill 2s --time 1 --json");
+  CHECK_THAT(still.err, Contains("data of the run: ") && Contains("renders of the model: "));
+  const json loss = json::parse(still.out)["loss"];
+  CHECK(loss["cameras"] == 4);
+  CHECK(loss["psnr"].get<double>() > loss["psnr_without_fit"].get<double>());
+  CHECK_FALSE(json::parse(still.out).contains("psnr_before"));
+  // Without a request, a series is not fitted, because a fit would take its time for each time sample.
+  CHECK_FALSE(json::parse(ubs_ok(folder, "convert run t.glb --series 2 --json").out).contains("distilled"));
   CHECK(run_ubs(folder, "convert run s.ply --to ubs --distill 4s").code == 2);
   CHECK_THAT(run_ubs(folder, "convert run s3.ply --distill 1ms").err, Contains("budget"));
   CHECK_THAT(run_ubs(folder, "convert s.ply s4.spz --distill 4s").err,
              Contains("only apply when exporting a ubs model"));
 }
 
-TEST_CASE("cli: an export measures its loss of quality relative to the model", "[cli]") {
+TEST_CASE("cli: an export is fitted to the model, and measures its loss of quality", "[cli]") {
   const TempFolder folder;
   put_far_scene(folder, 0);
   const std::string train =
       "train data --iterations 60 --init-points 300 --background 1,0.5,0 --quiet --test-every 0 ";
   ubs_ok(folder, train + "--dim 6 --out run");
-  const Result said = ubs_ok(folder, "convert run m.spz");
+  const Result said = ubs_ok(folder, "convert run m.spz --distill 0");
   CHECK_THAT(said.out,
              Contains("dB against the model itself, ") && Contains("dB on black (mean of 4 cameras)"));
-  const json loss = json::parse(ubs_ok(folder, "convert run m.spz --json --overwrite").out)["loss"];
+  const json loss =
+      json::parse(ubs_ok(folder, "convert run m.spz --distill 0 --json --overwrite").out)["loss"];
   const double psnr = loss["psnr"], on_black = loss["psnr_on_black"];
   CHECK(psnr > 5);
   CHECK(on_black > 5);
   CHECK((std::min(psnr, on_black) < 35) ==
-        (said.out.find("add --distill 60s to fit the Gaussians to the model") != std::string::npos));
-  CHECK_FALSE(
-      json::parse(ubs_ok(folder, "convert run m.spz --json --no-measure --overwrite").out).contains("loss"));
+        (said.out.find("fit longer (--distill 60s)") != std::string::npos));
+  CHECK_FALSE(json::parse(ubs_ok(folder, "convert run m.spz --distill 0 --json --no-measure --overwrite").out)
+                  .contains("loss"));
   CHECK_THAT(ubs_ok(folder, "convert run m.spz --device nonesuch --overwrite").out,
-             Contains("the loss of quality was not measured: ") && !Contains("against the model itself"));
+             Contains("the Gaussians were not fitted to the model: ") &&
+                 Contains("the loss of quality was not measured: ") && !Contains("against the model itself"));
+  check_error(folder, "convert run e.spz --distill 2s --device nonesuch", 4, "nonesuch");
+  // A fit resembles the model in front of any background, with the cameras of the data or, if there are none,
+  // with those that the model lists.
+  const auto fitted = [&](const char* from) {
+    const Result result =
+        ubs_ok(folder, fmt::format("convert {} f.spz --distill 3s --json --overwrite", from));
+    INFO(result.err);
+    const json there = json::parse(result.out);
+    CHECK(there["distilled"].size() == 1);
+    CHECK(there["loss"]["psnr_without_fit"].get<double>() == Approx(psnr).margin(3));
+    CHECK(there["loss"]["psnr"].get<double>() > psnr + 3);
+    CHECK(there["loss"]["psnr_on_black"].get<double>() > on_black + 3);
+    return result.err;
+  };
+  CHECK_THAT(fitted("run"), Contains("data of the run: "));
+  std::filesystem::copy_file(folder / "run/model.ply", folder / "alone.ply");
+  CHECK_THAT(fitted("alone.ply"), !Contains("data of the run: "));
+  // A .splat file has no harmonics.
+  CHECK_FALSE(ubs_ok(folder, "convert run f.splat --distill 1s").out.find("harmonics") != std::string::npos);
   // Gaussians lose nothing in a file that does not round them, and little in one that does.
   ubs_ok(folder, train + "--dim 3 --kernel gaussian --colour sh3 --out gaussians");
-  CHECK_FALSE(json::parse(ubs_ok(folder, "convert gaussians g.ply --json").out).contains("loss"));
+  const json exact = json::parse(ubs_ok(folder, "convert gaussians g.ply --json").out);
+  CHECK_FALSE(exact.contains("loss"));
+  CHECK_FALSE(exact.contains("distilled"));
+  check_error(folder, "convert gaussians h.ply --degree 1", 2, "--degree requires that the Gaussians");
   const json rounded = json::parse(ubs_ok(folder, "convert gaussians g.spz --json").out)["loss"];
   CHECK(rounded["psnr"].get<double>() > 35);
   CHECK(rounded["psnr_on_black"].get<double>() > 35);

@@ -215,7 +215,8 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
     for (std::size_t g = 0; g < model.groups.size(); ++g)
       steps.push_back(group_steps(model.groups[g], h.squares[g], share));
     const double got = compare_models(session, model, round(steps), views).mean;
-    note(fmt::format("quantisation steps estimated for {:.2f} dB give {:.2f} dB", wanted, got));
+    note(fmt::format("compressing, attempt {} of at most {}: PSNR {:.2f} dB (goal: {:g} to {:g} dB)",
+                     trial + 1, kTrials, got, psnr, psnr + kNear));
     if (got >= psnr) best = steps;
     if (got >= psnr && got <= psnr + kNear) break;
     wanted += psnr + kNear / 2 - got;
