@@ -22,6 +22,7 @@
 #include "host/data/reduce_splats.hpp"
 #include "host/data/splat_file.hpp"
 #include "host/data/splat_series.hpp"
+#include "host/device/registry.hpp"
 #include "host/scene/conditioning.hpp"
 #include "host/train/evaluate.hpp"
 #include "tools/commands.hpp"
@@ -224,7 +225,7 @@ bool fits(const ConvertOptions& options, const MixedModel& model) {
 // Finds the training cameras of the run, unless --data names others. Data that are not found are no error,
 // because the model lists a few of the cameras.
 void find_cameras(ConvertOptions& options, const LoadedModel& loaded) {
-  if (!options.data.empty() || !fits(options, loaded.model)) return;
+  if (!options.data.empty() || !loses_in_closed_form(loaded.model)) return;
   try {
     options.run = use_run_data(options.from, options.camera_data);
   } catch (const Error& error) {
@@ -457,6 +458,7 @@ int run(ConvertOptions& options) {
   files_before_output();
   // fit_seconds() throws for an invalid time.
   if (options.fit_seconds() == 0 && options.degree_option->count() > 0) refuse_degree();
+  if (options.fit_requested()) choose_device(list_devices(), options.device);
   using Holds = SplatFormat::Holds;
   const SplatFormat& source = detect_splat_format(options.from);
   const SplatFormat& format = target_format(options, source);

