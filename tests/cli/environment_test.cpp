@@ -187,8 +187,9 @@ TEST_CASE("every command fails if it cannot write to stdout") {
         std::string("devices --json"), std::string("info before/model.ply"), std::string("info data --json"),
         std::string("bench --list"), std::string("metrics before/renders before/renders"), "plan " + data,
         "plan --json " + data, std::string("eval --model before/model.ply --data data"),
-        std::string("convert before/model.ply copy.ply"), std::string("pack data --out copy.ubsd"),
-        "train --out run " + data, "train --out run2 --json " + data}) {
+        std::string("convert before/model.ply copy.ply --distill 0"),
+        std::string("pack data --out copy.ubsd"), "train --out run " + data,
+        "train --out run2 --json " + data}) {
     const Result result =
         run_command(folder, fmt::format("sh -c \"'{}' {} >/dev/full\"", program_of(arguments), arguments));
     INFO(arguments << "\n" << result.err);

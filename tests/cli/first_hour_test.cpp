@@ -138,7 +138,7 @@ TEST_CASE("every command that accepts a model accepts the folder of its run with
       {"accuracy", "--quick --config math=native --out accuracy --quiet"},
       {"bench", "--list"},
       {"compare", "--devices cpu --repeat 1"},
-      {"convert", "copy.spz"},
+      {"convert", "copy.spz --distill 0"},
       {"eval", "--fps-views 0"},
       {"gradients", "--view 0 --out gradients.ply"},
       {"info", ""},

@@ -271,7 +271,7 @@ TEST_CASE("outputs: commands replace a file only with --overwrite, and never the
       if (const bool chosen = i++ == other; all || chosen)
         check_refused(folder, with_out(writer.arguments, out) + " --overwrite", "this is the input");
   }
-  for (const char* command : {"convert run/model.ply mine.ply", "pack data --out mine.ubsd",
+  for (const char* command : {"convert --distill 0 run/model.ply mine.ply", "pack data --out mine.ubsd",
                               "metrics data/test/r_000.png data/test/r_001.png --out mine.json"}) {
     const std::string file = std::string(command).substr(std::string(command).find("mine"));
     put(folder / file, "old");

@@ -73,7 +73,7 @@ TEST_CASE("durability: every writer synchronises the file before the rename and 
   const TempFolder folder;
   prepare(folder);
   ubs_ok(folder, fmt::format("train --out run {}", kRun));
-  ubs_ok(folder, "convert run/model.ply m.3dgs.ply --to 3dgs");
+  ubs_ok(folder, "convert run/model.ply m.3dgs.ply --to 3dgs --distill 0");
   const char* commands[] = {
       "synth orbit --out o/data --size 32 --views 2 --test-views 1 --supersampling 1",
       "pack data --out o/F.ubsd",
@@ -83,10 +83,10 @@ TEST_CASE("durability: every writer synchronises the file before the rename and 
       "render run/model.ply --data data --channels rgb,depth --format npy --out o/npy",
       "render run/model.ply --data data --video o/v.avi",
       "convert run/model.ply o/c.ply --to ubs",
-      "convert run/model.ply o/g.ply --to 3dgs",
-      "convert run/model.ply o/c.spz",
-      "convert run/model.ply o/c.splat",
-      "convert run/model.ply o/c.usda",
+      "convert run/model.ply o/g.ply --to 3dgs --distill 0",
+      "convert run/model.ply o/c.spz --distill 0",
+      "convert run/model.ply o/c.splat --distill 0",
+      "convert run/model.ply o/c.usda --distill 0",
       "convert m.3dgs.ply o/i.ply",
       "gradients --model run/model.ply --data data --view 0 --out o/d.ply",
       "reduce --model run/model.ply --data data --bound 0.1 --quiet --out o/r.ply --effects o/r.csv",

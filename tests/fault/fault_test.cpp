@@ -54,12 +54,13 @@ TEST_CASE("faults: convert, also with an older output file") {
   synthesise(folder);
   ubs_ok(folder, fmt::format("train {} run", kTraining));
   ubs_ok(folder, fmt::format("train {} run2 --seed 5", kTraining));
-  const Scenario scenario{.command = "convert run/model.ply out/m.spz --no-measure --overwrite",
-                          .before = "convert run2/model.ply out/m.spz --no-measure"};
+  const Scenario scenario{.command = "convert run/model.ply out/m.spz --distill 0 --no-measure --overwrite",
+                          .before = "convert run2/model.ply out/m.spz --distill 0 --no-measure"};
   attack(folder, "convert, disk and killed", scenario, both(writing_faults(), kills()), 2);
-  attack(folder, "convert, reading",
-         {.command = "convert run/model.ply out/m.splat --no-measure --overwrite", .watched = "run"},
-         reading_faults(), 1);
+  attack(
+      folder, "convert, reading",
+      {.command = "convert run/model.ply out/m.splat --distill 0 --no-measure --overwrite", .watched = "run"},
+      reading_faults(), 1);
 }
 
 Scenario training() {
@@ -225,7 +226,8 @@ TEST_CASE("power cuts: reported results remain, and unfinished work can be compl
   attack(folder, "pack, power cut", {.command = "pack data --out out/F.ubsd --overwrite", .disk = &disk},
          power_cuts(), 1);
   attack(folder, "convert, power cut",
-         {.command = "convert run/model.ply out/m.spz --no-measure", .disk = &disk}, power_cuts(), 1);
+         {.command = "convert run/model.ply out/m.spz --distill 0 --no-measure", .disk = &disk}, power_cuts(),
+         1);
   Scenario scenario = training();
   scenario.disk = &disk;
   attack(folder, "train, power cut", scenario, power_cuts(), 2);

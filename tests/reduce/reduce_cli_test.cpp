@@ -62,13 +62,14 @@ TEST_CASE("cli: train --dim auto, reduce, and commands that read the result", "[
   ubs_ok(folder, "convert r.ply copy.ply --to ubs");
   CHECK(get(folder / "copy.ply") == get(folder / "r.ply"));
   const json exported =
-      json::parse(ubs_ok(folder, "convert r.ply g.splat --data data --time 0.5 --json").out);
+      json::parse(ubs_ok(folder, "convert r.ply g.splat --data data --time 0.5 --distill 0 --json").out);
   CHECK(exported["splats"].get<std::size_t>() <= model.count());
   CHECK(exported["splats"].get<std::size_t>() > 50);
   // A single time without the direction gives a lower quality, but still an image of the scene.
   CHECK(exported["psnr_after"].get<double>() > 5);
   CHECK(exported["psnr_before"].get<double>() > exported["psnr_after"].get<double>());
-  for (const char* name : {"g.ply", "g.spz"}) ubs_ok(folder, fmt::format("convert r.ply {}", name));
+  for (const char* name : {"g.ply", "g.spz"})
+    ubs_ok(folder, fmt::format("convert r.ply {} --distill 0", name));
 
   const json searched = json::parse(
       ubs_ok(folder, "reduce --model r.ply --data data --out s.ply --max-loss-db 0.5 --json --quiet").out);

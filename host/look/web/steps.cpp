@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "host/api/decompose.hpp"
 #include "host/api/picture.hpp"
@@ -207,19 +208,29 @@ std::vector<UbszSteps> choose_steps(ModelSession& session, const MixedModel& mod
                                     const std::function<void(const std::string&)>& note) {
   std::size_t rows = 0;
   for (const SplatModel& group : model.groups) rows += static_cast<std::size_t>(group.layout().count);
-  double wanted = psnr + kNear / 2;  // target for the estimate
+  // The estimate is too high or too low by an amount that changes slowly. So the next one is shifted by that
+  // amount or, between two trials, interpolated.
+  struct Trial {
+    double estimate = 0, got = 0;  // PSNR [dB]
+  };
+  const double goal = psnr + kNear / 2;
+  std::optional<Trial> low, high;  // the nearest trials below and above the goal
+  double estimate = goal, best_got = std::numeric_limits<double>::infinity();
   std::vector<UbszSteps> steps, best;
   for (int trial = 0; trial < kTrials; ++trial) {
-    const double share = std::pow(10.0, -wanted / 10) * h.values / static_cast<double>(rows);
+    const double share = std::pow(10.0, -estimate / 10) * h.values / static_cast<double>(rows);
     steps.clear();
     for (std::size_t g = 0; g < model.groups.size(); ++g)
       steps.push_back(group_steps(model.groups[g], h.squares[g], share));
     const double got = compare_models(session, model, round(steps), views).mean;
     note(fmt::format("compressing, attempt {} of at most {}: PSNR {:.2f} dB (goal: {:g} to {:g} dB)",
                      trial + 1, kTrials, got, psnr, psnr + kNear));
-    if (got >= psnr) best = steps;
+    if (got >= psnr && got < best_got) best = steps, best_got = got;
     if (got >= psnr && got <= psnr + kNear) break;
-    wanted += psnr + kNear / 2 - got;
+    (got < goal ? low : high) = {estimate, got};
+    estimate = low && high
+                   ? std::lerp(low->estimate, high->estimate, (goal - low->got) / (high->got - low->got))
+                   : estimate + goal - got;
   }
   if (best.empty())
     fail(ErrorKind::usage, "cannot compress the model to {} dB: lower --psnr or pass --exact", psnr);
