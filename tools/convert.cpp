@@ -95,14 +95,16 @@ double measure(const ConvertOptions& options, const MixedModel& model, const std
       .mean.psnr_channel_mean;
 }
 
-std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options,
-                                              const std::array<double, 3>& offset,
+std::vector<std::array<double, 3>> viewpoints(const ConvertOptions& options, const LoadedModel& loaded,
                                               const TrainSettings& settings) {
   std::vector<std::array<double, 3>> places;
-  if (options.camera_data.empty()) return places;
+  if (options.camera_data.empty()) {
+    for (const Camera& camera : loaded.notes.cameras) places.push_back(camera.centre());
+    return places;
+  }
   Dataset data = open_dataset(options.run.opened, options.camera_data, {}, settings, Images::skip);
   Split train = take_split(data, data.find("train") ? "train" : options.split);
-  rebase(train.views, data.offset, offset);
+  rebase(train.views, data.offset, loaded.offset);
   const std::size_t step = (train.views.size() + kMaxViewpoints - 1) / kMaxViewpoints;
   for (std::size_t i = 0; i < train.views.size(); i += step) places.push_back(train.views[i].camera.centre());
   return places;
@@ -127,15 +129,17 @@ std::string advice(const ConvertOptions& options, const MixedModel& model) {
       options.fit_seconds() < 60 ? "60s" : "5m");
 }
 
-// Calls `work`. If this machine cannot render, adds a remark that begins with `what` instead.
+constexpr const char* kNotFitted = "the Gaussians were not fitted to the model";
+
+// Calls `work`. If this machine cannot do it, adds a remark that begins with `what` instead.
 template <typename Work>
-void if_renders(const char* what, std::vector<std::string>& remarks, const Work& work) {
+void if_possible(const char* what, std::vector<std::string>& remarks, const Work& work) {
   try {
     work();
   } catch (const Error& error) {
     const ErrorKind kind = error.kind();
     if (kind != ErrorKind::device && kind != ErrorKind::build && kind != ErrorKind::memory &&
-        kind != ErrorKind::faulty)
+        kind != ErrorKind::faulty && kind != ErrorKind::numerical)
       throw;
     remarks.push_back(fmt::format("{}: {}", what, error.what()));
   }
@@ -146,12 +150,13 @@ void add_loss(const ConvertOptions& options, const SplatFormat& format, const Lo
               const std::optional<ImportedSplats>& closed_form, const TrainSettings& settings, Json& json) {
   if (options.no_measure || options.series > 0 || exports_exactly(format, loaded.model)) return;
   std::vector<std::string> remarks;
-  if_renders("the loss of quality was not measured", remarks, [&] {
+  if_possible("the loss of quality was not measured", remarks, [&] {
     LossMeter meter(options.device, loaded, settings, options.time);
     if (meter.cameras() == 0) return;
     const ExportLoss loss = meter.measure(exact_model(read_foreign_splats(options.to)));
     json["loss"] = {{"psnr", loss.own}, {"psnr_on_black", loss.black}, {"cameras", meter.cameras()}};
-    if (closed_form) json["loss"]["psnr_without_fit"] = meter.measure(exact_model(*closed_form)).own;
+    if (closed_form && json.contains("distilled"))
+      json["loss"]["psnr_without_fit"] = meter.measure(exact_model(*closed_form)).own;
     if (std::min(loss.own, loss.black) < kGoodExport) json["loss"]["advice"] = advice(options, loaded.model);
   });
   for (std::string& remark : remarks) json["remarks"].push_back(std::move(remark));
@@ -187,11 +192,11 @@ void report(const ConvertOptions& options, const SplatFormat& format, const Json
 
 // Returns the options for reduce_splats(). Directions are averaged over the viewpoints of the data, unless
 // the model consists of Gaussians.
-ReduceOptions reduction(const ConvertOptions& options, const MixedModel& model,
-                        const std::array<double, 3>& offset, const TrainSettings& settings) {
+ReduceOptions reduction(const ConvertOptions& options, const LoadedModel& loaded,
+                        const TrainSettings& settings) {
   ReduceOptions reduction{.time = options.time, .opacity = options.opacity, .viewpoints = {}};
-  if (!std::ranges::all_of(model.groups, is_gaussian_model))
-    reduction.viewpoints = viewpoints(options, offset, settings);
+  if (!std::ranges::all_of(loaded.model.groups, is_gaussian_model))
+    reduction.viewpoints = viewpoints(options, loaded, settings);
   return reduction;
 }
 
@@ -260,8 +265,7 @@ void open_distiller(const ConvertOptions& options, const SplatFormat& format, co
     for (const Camera& camera : cameras_to_fit(loaded))
       views.views.push_back({.name = "camera", .camera = camera});
   if (views.views.empty()) {
-    remarks.emplace_back(
-        "the Gaussians were not fitted to the model, because it lists no cameras: pass the data with --data");
+    remarks.push_back(fmt::format("{}, because it lists no cameras: pass the data with --data", kNotFitted));
     return;
   }
   for (const SplatModel& group : loaded.model.groups) check_query(views, group.dim);
@@ -272,12 +276,12 @@ void open_distiller(const ConvertOptions& options, const SplatFormat& format, co
   if (options.fit_requested())
     open();
   else
-    if_renders("the Gaussians were not fitted to the model", remarks, open);
+    if_possible(kNotFitted, remarks, open);
 }
 
 // Fits the splats of a time sample, unless this takes too long.
-ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, double time, ImportedSplats splats,
-                      std::vector<std::string>& said, Json& json) {
+ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, double time,
+                      const ImportedSplats& splats, std::vector<std::string>& said, Json& json) {
   const double seconds = options.fit_seconds() / std::max(1, options.series);
   bool declined = false;
   const Distilled distilled = distiller.at(time, splats, seconds, [&](const DistillPlan& plan) {
@@ -285,9 +289,8 @@ ImportedSplats fitted(const ConvertOptions& options, Distiller& distiller, doubl
     declined = !options.fit_requested() && least && plan.seconds > kMaxFitSeconds;
     if (declined)
       said.push_back(
-          fmt::format("the Gaussians were not fitted to the model, because {} iterations, the "
-                      "minimum, take about {:.0f} s: pass --distill {:.0f}s",
-                      kMinIterations, plan.seconds, std::ceil(plan.seconds)));
+          fmt::format("{}, because {} iterations, the minimum, take about {:.0f} s: pass --distill {:.0f}s",
+                      kNotFitted, kMinIterations, plan.seconds, std::ceil(plan.seconds)));
     else
       remark(
           "ubs: fitting {} Gaussians to {} renders of the model: {} iterations{} in about {:.0f} s "
@@ -317,7 +320,7 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
   const MixedModel& model = loaded.model;
   if (!model.has_time() && (options.series > 0 || options.time_option->count() > 0))
     fail(ErrorKind::usage, "{}: --time and --series require a model that depends on time", options.from);
-  ReduceOptions reduce = reduction(options, model, loaded.offset, settings);
+  ReduceOptions reduce = reduction(options, loaded, settings);
   const int moments = std::max(1, options.series);
   std::vector<std::string> remarks = loaded.remarks;
   std::optional<Distiller> distiller;
@@ -346,7 +349,11 @@ Json export_gaussians(const ConvertOptions& options, const SplatFormat& format, 
     ImportedSplats splats = exported_splats(format, model, loaded.offset, reduce, said);
     if (distiller) {
       closed_form = splats;
-      splats = fitted(options, *distiller, reduce.time, std::move(splats), said, json);
+      const auto fit = [&] { splats = fitted(options, *distiller, reduce.time, *closed_form, said, json); };
+      if (options.fit_requested())
+        fit();
+      else
+        if_possible(kNotFitted, said, fit);
     }
     if (one_file) {
       series.add(std::move(splats));

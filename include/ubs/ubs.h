@@ -252,7 +252,8 @@ UBS_API ubs_status ubs_model_load(const char* path, ubs_model** model);
 /* Saves a model. `format` is a name of `ubs convert --to`. "ubs" or NULL saves everything. "auto" chooses the
  * format by the extension of the path, "ubs" for .ply; UBS_ERROR_USAGE if no format has the extension.
  * Formats other than "ubs" store the model at `time`, with directions averaged over the cameras that the
- * model lists, if any. Replaces an existing file of that name, but neither a link nor a folder. */
+ * model lists, if any. Unlike `ubs convert`, the function does not fit the result to the model. Replaces an
+ * existing file of that name, but neither a link nor a folder. */
 UBS_API ubs_status ubs_model_save(const ubs_model* model, const char* path, const char* format, double time);
 UBS_API ubs_status ubs_model_get_info(const ubs_model* model, ubs_model_info* info);
 /* Returns parameter number `index` (from 0) of a group (less than the model's `groups`). */

@@ -135,7 +135,10 @@ class Model(_abi.Handle):
     def save(self, path: os.PathLike[str] | str, format: str | None = None, time: float = 0.0) -> None:
         """Saves the model. `format` is a name that `ubs convert --to` accepts, for example "spz" or "3dgs". "ubs" saves
         everything; other formats store the model at `time`. If `format` is None, the extension determines the format,
-        where .ply means "ubs". Replaces an existing file."""
+        where .ply means "ubs". Replaces an existing file.
+
+        Most other formats store Gaussians. Unlike `ubs convert`, this function does not fit them to the model,
+        so a model of Beta splats with N > 3 loses more quality."""
         _abi.call("model_save", self, _abi.path_bytes(path), (format or "auto").encode(), time)
 
     def _info(self) -> _abi.ModelInfo:
