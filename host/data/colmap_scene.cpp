@@ -89,7 +89,8 @@ LoadedScene load_colmap(const fs::path& folder, const DatasetOptions& options) {
   for (std::size_t i = 0; i < names.size(); ++i) {
     const ColmapImage& image = model.images[i];
     if (found[i].empty() && some) {
-      scene.report.skip(image.name, "listed by the COLMAP model, but no such file in " + image_folder);
+      scene.report.skip(image.name,
+                        fmt::format("no such file in {}, although listed by the COLMAP model", image_folder));
       continue;
     }
     View view;
