@@ -3,6 +3,8 @@
 // to the cap but not beyond it.
 #include <catch2/catch.hpp>
 
+#include "host/train/run_settings.hpp"
+#include "host/train/training_views.hpp"
 #include "tests/pipeline/training_runs.hpp"
 #include "tests/support/data.hpp"
 #include "tests/support/device_fixture.hpp"
@@ -149,6 +151,24 @@ TEST_CASE("lego at 200x200 is learned", "[training][data]") {
     const Outcome outcome = train(*device, short_run(6, 500, 10000), data);
     WARN("lego_200, 6-D, 500 iterations: test PSNR " << outcome.test.mean.psnr << " dB");
     CHECK(outcome.test.mean.psnr > 19.0);  // 19.96 when written (PoCL)
+  }
+}
+
+TEST_CASE("a view with a background of its own is trained in front of it", "[training]") {
+  Data data = synthetic("glossy", 32, 2);
+  data.train.views[1].background = {0.25f, 0.5f, 0.75f};
+  for (const RandomBackground random : {RandomBackground::off, RandomBackground::on}) {
+    TrainSettings settings = short_run(6, 10, 50);
+    settings.random_background = random;
+    TrainingViews views(*devices_under_test().front(), settings, data.train, data.test);
+    RenderSettings drawn = render_settings(settings);
+    drawn.sky.emplace();
+    for (std::uint64_t draw = 0; draw < 4; ++draw) {
+      const RenderSettings found = views.settings_of(draw, drawn);
+      const bool own = views.view_of(draw) == 1;
+      CHECK((found.background == std::array{0.25f, 0.5f, 0.75f}) == own);
+      CHECK(found.sky.has_value() == !own);
+    }
   }
 }
 
