@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "host/base/crc32.hpp"
 #include "host/base/error.hpp"
@@ -13,6 +15,7 @@
 #include "host/base/json.hpp"
 #include "host/base/paths.hpp"
 #include "host/data/load_dataset.hpp"
+#include "host/data/wide_image_file.hpp"
 
 namespace ubs {
 namespace {
@@ -21,8 +24,7 @@ static_assert(std::endian::native == std::endian::little, "packed files are litt
 
 constexpr char kPackedMagic[] = "UBSDATA\x1a";
 constexpr std::size_t kMagicBytes = 8;
-constexpr std::uint32_t kPackedVersion = 2;  // with masks; data without masks are written as version 1
-constexpr std::uint32_t kVersionUnmasked = 1;
+constexpr std::uint32_t kVersionPlain = 1, kVersionMasked = 2, kVersionWide = 3;
 constexpr std::size_t kPointBytes = 3 * sizeof(float) + 3;
 
 struct Preamble {
@@ -80,7 +82,7 @@ class BlockList {
 
 Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   Json json{{"name", view.name}, {"camera", camera_json(view.camera)}, {"image", nullptr}};
-  if (!view.part_of.empty()) json["part_of"] = view.part_of;
+  if (!view.part_of.empty()) json["part_of"] = view.part_of, json["turn"] = view.turn_in_wide;
   if (image.rgb.empty()) return json;
   if (image.width != view.camera.width || image.height != view.camera.height)
     fail(ErrorKind::internal, "view '{}': the camera has {}x{} pixels, but the image has {}x{}", view.name,
@@ -91,6 +93,51 @@ Json view_json(const View& view, const Image8& image, BlockList& blocks) {
   return json;
 }
 
+// Several camera models have the same formula. The lens gets the name of the first.
+Json lens_json(const WideLens& wide) {
+  const Lens& lens = wide.lens;
+  const auto model = std::ranges::find(lens_models(), lens.formula, &LensModel::formula);
+  return {{"model", model->name},
+          {"focal", {lens.fx, lens.fy}},
+          {"principal", {lens.cx, lens.cy}},
+          {"size", {lens.width, lens.height}},
+          {"coefficients", lens.k},
+          {"max_angle", wide.max_angle}};
+}
+
+WideLens parse_lens(const Json& json) {
+  const auto name = json.at("model").get<std::string>();
+  const auto model = std::ranges::find(lens_models(), name, &LensModel::name);
+  if (model == lens_models().end()) throw std::runtime_error(fmt::format("unknown camera model '{}'", name));
+  const auto focal = json.at("focal").get<std::array<double, 2>>();
+  const auto principal = json.at("principal").get<std::array<double, 2>>();
+  const auto size = json.at("size").get<std::array<int, 2>>();
+  WideLens wide{{model->formula, focal[0], focal[1], principal[0], principal[1], size[0], size[1],
+                 json.at("coefficients").get<LensCoefficients>()},
+                json.at("max_angle").get<double>()};
+  check_lens(wide.lens, "the lens of a wide image");
+  if (size[0] < 1 || size[1] < 1) throw std::runtime_error("a wide image without pixels");
+  if (!(wide.max_angle > 0 && wide.max_angle <= std::numbers::pi))
+    throw std::runtime_error("a wide image whose largest angle is not between 0 and 180 degrees");
+  return wide;
+}
+
+Json wide_image_json(const View& view, const Image8& image, BlockList& blocks) {
+  return {{"name", view.part_of},
+          {"lens", lens_json(dynamic_cast<const StoredWideImage&>(*view.wide).lens())},
+          {"image", blocks.add(std::as_bytes(std::span(image.rgb)))},
+          {"mask", blocks.add(std::as_bytes(std::span(image.mask)))}};
+}
+
+// Calls visit(view, image, is_wide) for the image of each view of a split, and then for each of its wide
+// images, with a view that shows a part of it.
+template <typename Visit>
+void for_images(const Split& split, const Visit& visit) {
+  for (const View& view : split.views) visit(view, view.load_image(), false);
+  for (const auto& parts : views_by_image(split.views))
+    if (const View& view = split.views[parts[0]]; view.wide) visit(view, view.wide->load(), true);
+}
+
 }  // namespace
 
 void write_packed(const std::filesystem::path& path, const PackedData& data) {
@@ -99,19 +146,24 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   Json header{{"background", data.background},     {"downscale", data.downscale}, {"offset", data.offset},
               {"depth_bounds", data.depth_bounds}, {"points", nullptr},           {"splits", Json::array()}};
   if (data.points) header["points"] = blocks.add(points);
-  bool masked = false;
+  std::uint32_t file_version = kVersionPlain;
   for (const Split& split : data.splits) {
-    Json views = Json::array();
-    for (const View& view : split.views) {
+    Json views = Json::array(), wide_images = Json::array();
+    for_images(split, [&](const View& view, const Image8& image, bool is_wide) {
       check_camera(view.camera, fmt::format("{}: not written: view '{}'", path.string(), view.name));
-      const Image8 image = view.load_image();
-      masked = masked || !image.mask.empty();
-      views.push_back(view_json(view, image, blocks));
-    }
-    header["splits"].push_back({{"name", split.name}, {"views", std::move(views)}});
+      if (!image.mask.empty()) file_version = std::max(file_version, kVersionMasked);
+      if (is_wide)
+        wide_images.push_back(wide_image_json(view, image, blocks));
+      else
+        views.push_back(view_json(view, image, blocks));
+    });
+    Json& json = header["splits"].emplace_back(Json{{"name", split.name}, {"views", std::move(views)}});
+    if (wide_images.empty()) continue;
+    json["wide_images"] = std::move(wide_images);
+    file_version = kVersionWide;
   }
   const std::string text = json_text(header);
-  Preamble preamble{{}, masked ? kPackedVersion : kVersionUnmasked, crc32(bytes_of(text)), text.size()};
+  Preamble preamble{{}, file_version, crc32(bytes_of(text)), text.size()};
   std::memcpy(preamble.magic, kPackedMagic, kMagicBytes);
 
   AtomicFile file(path);
@@ -120,17 +172,22 @@ void write_packed(const std::filesystem::path& path, const PackedData& data) {
   file.write(points);
   BlockList written;
   written.add(points);
-  for (std::size_t s = 0; s < data.splits.size(); ++s)
-    for (std::size_t v = 0; v < data.splits[s].views.size(); ++v) {
-      const View& view = data.splits[s].views[v];
-      const Image8 image = view.load_image();
-      if (view_json(view, image, written) != header["splits"][s]["views"][v])
+  for (std::size_t s = 0; s < data.splits.size(); ++s) {
+    const Json& views = header["splits"][s]["views"];
+    std::size_t i = 0;
+    for_images(data.splits[s], [&](const View& view, const Image8& image, bool is_wide) {
+      const bool same = is_wide ? wide_image_json(view, image, written) ==
+                                      header["splits"][s]["wide_images"][i - views.size()]
+                                : view_json(view, image, written) == views[i];
+      ++i;
+      if (!same)
         fail(ErrorKind::data,
              "{}: not written: the image of view '{}' changed while the data set was being packed",
-             path.string(), view.name);
+             path.string(), is_wide ? view.part_of : view.name);
       file.write(std::as_bytes(std::span(image.rgb)));
       file.write(std::as_bytes(std::span(image.mask)));
-    }
+    });
+  }
   file.commit();
 }
 
@@ -148,10 +205,10 @@ PackedFile::PackedFile(std::filesystem::path path) : path_(std::move(path)) {
   stream.read(reinterpret_cast<char*>(&preamble), sizeof preamble);
   if (!stream || std::memcmp(preamble.magic, kPackedMagic, kMagicBytes) != 0)
     fail(ErrorKind::data, "{}: not a packed data set (ubs pack writes one)", path_.string());
-  if (preamble.version < kVersionUnmasked || preamble.version > kPackedVersion)
+  if (preamble.version < kVersionPlain || preamble.version > kVersionWide)
     fail(ErrorKind::data,
          "{}: the format has version {}, but this program reads versions {} to {}: pack the data again",
-         path_.string(), preamble.version, kVersionUnmasked, kPackedVersion);
+         path_.string(), preamble.version, kVersionPlain, kVersionWide);
   if (preamble.header_bytes > size - sizeof preamble)
     fail(ErrorKind::data, "{}: the header is truncated", path_.string());
   std::string header(preamble.header_bytes, '\0');
@@ -191,14 +248,23 @@ void PackedFile::parse(const std::string& header, std::uint64_t blocks_bytes) {
         PackedView packed;
         view.at("name").get_to(packed.view.name);
         packed.view.part_of = view.value("part_of", "");
-        packed.view.camera = parse_camera(view.at("camera"));
-        check_camera(packed.view.camera, fmt::format("view '{}'", packed.view.name));
-        packed.image = block(view.at("image"));
-        if (view.contains("mask")) packed.mask = block(view.at("mask"));
-        if (packed.mask && !packed.image) throw std::runtime_error("a mask without an image");
-        packed.view.masked = packed.mask.has_value();
+        packed.view.turn_in_wide = view.value("turn", packed.view.turn_in_wide);
+        const Camera& camera = packed.view.camera = parse_camera(view.at("camera"));
+        check_camera(camera, fmt::format("view '{}'", packed.view.name));
+        packed.pixels = {packed.view.name, camera.width, camera.height, block(view.at("image")), {}};
+        if (view.contains("mask")) packed.pixels.mask = block(view.at("mask"));
+        if (packed.pixels.mask && !packed.pixels.image) throw std::runtime_error("a mask without an image");
+        packed.view.masked = packed.pixels.mask.has_value();
         packed.view.opaque = view.value("opaque", false);
         target.views.push_back(std::move(packed));
+      }
+      if (!split.contains("wide_images")) continue;
+      for (const Json& wide : split["wide_images"]) {
+        const WideLens lens = parse_lens(wide.at("lens"));
+        const auto name = wide.at("name").get<std::string>();
+        const std::optional<Block> image = block(wide.at("image")), mask = block(wide.at("mask"));
+        if (!image || !mask) throw std::runtime_error("a wide image without pixels");
+        target.wide_images.push_back({lens, {name, lens.lens.width, lens.lens.height, image, mask}});
       }
     }
     // Blocks must not overlap or leave gaps: their sizes must add up to the size of the file after the
@@ -235,21 +301,20 @@ const PackedFile::PackedSplit& PackedFile::find(const std::string& name) const {
   return *found;
 }
 
-Image8 PackedFile::load(const PackedView& packed) const {
-  const std::string& name = packed.view.name;
-  const std::vector<std::byte> bytes = read_block(*packed.image, "the image of '" + name + "'");
-  const Camera& c = packed.view.camera;
-  const std::size_t expected = 3 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height);
+Image8 PackedFile::load(const Pixels& pixels) const {
+  const auto& [name, width, height, image_block, mask_block] = pixels;
+  const std::vector<std::byte> bytes = read_block(*image_block, "the image of '" + name + "'");
+  const std::size_t expected = 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   if (bytes.size() != expected)
     fail(ErrorKind::data, "{}: the image of '{}' has {} bytes, but {}x{} pixels need {}", path_.string(),
-         name, bytes.size(), c.width, c.height, expected);
-  Image8 image{c.width, c.height, std::vector<std::uint8_t>(bytes.size()), {}};
+         name, bytes.size(), width, height, expected);
+  Image8 image{width, height, std::vector<std::uint8_t>(bytes.size()), {}};
   std::memcpy(image.rgb.data(), bytes.data(), bytes.size());
-  if (!packed.mask) return image;
-  const std::vector<std::byte> mask = read_block(*packed.mask, "the mask of '" + name + "'");
+  if (!mask_block) return image;
+  const std::vector<std::byte> mask = read_block(*mask_block, "the mask of '" + name + "'");
   if (mask.size() != expected / 3)
     fail(ErrorKind::data, "{}: the mask of '{}' has {} bytes, but {}x{} pixels need {}", path_.string(), name,
-         mask.size(), c.width, c.height, expected / 3);
+         mask.size(), width, height, expected / 3);
   image.mask.resize(mask.size());
   std::memcpy(image.mask.data(), mask.data(), mask.size());
   return image;
@@ -257,13 +322,13 @@ Image8 PackedFile::load(const PackedView& packed) const {
 
 class PackedFile::Source final : public ImageSource {
  public:
-  Source(std::shared_ptr<const PackedFile> file, const PackedView& view)
-      : file_(std::move(file)), view_(view) {}
-  Image8 load() const override { return file_->load(view_); }
+  Source(std::shared_ptr<const PackedFile> file, const Pixels& pixels)
+      : file_(std::move(file)), pixels_(pixels) {}
+  Image8 load() const override { return file_->load(pixels_); }
 
  private:
   std::shared_ptr<const PackedFile> file_;
-  const PackedView& view_;  // a view of file_
+  const Pixels& pixels_;  // of file_
 };
 
 Split PackedFile::split(const std::string& name) const {
@@ -274,18 +339,24 @@ Split PackedFile::split(const std::string& name) const {
 
 Split PackedFile::split_on_demand(const std::shared_ptr<const PackedFile>& file, const std::string& name) {
   const PackedSplit& found = file->find(name);
+  std::map<std::string, std::shared_ptr<const WideImage>> wide_images;
+  for (const PackedWideImage& packed : found.wide_images)
+    wide_images[packed.pixels.name] = std::make_shared<StoredWideImage>(
+        packed.lens, fmt::format("{}: {}", file->path_.string(), packed.pixels.name),
+        std::make_shared<Source>(file, packed.pixels));
   Split split{name, {}};
   for (const PackedView& packed : found.views) {
     View& view = split.views.emplace_back(packed.view);
-    if (packed.image) view.source = std::make_shared<Source>(file, packed);
+    if (packed.pixels.image) view.source = std::make_shared<Source>(file, packed.pixels);
+    if (const auto wide = wide_images.find(view.part_of); wide != wide_images.end()) view.wide = wide->second;
   }
   return split;
 }
 
 bool PackedFile::opaque() const {
   return std::ranges::all_of(splits_, [](const PackedSplit& split) {
-    return std::ranges::all_of(split.views,
-                               [](const PackedView& packed) { return packed.view.opaque || !packed.image; });
+    return std::ranges::all_of(
+        split.views, [](const PackedView& packed) { return packed.view.opaque || !packed.pixels.image; });
   });
 }
 

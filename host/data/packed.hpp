@@ -4,9 +4,10 @@
 // fast and without an image library. Layout, little-endian:
 //   "UBSDATA\x1a" | u32 version | u32 CRC-32 of the header | u64 bytes of the header | header (JSON) | blocks
 // The header describes each block by its offset from the end of the header, its size and its CRC-32. Version
-// 2 adds a block "mask" (one byte per pixel, 0 = does not count) for views that have a mask. Files without
-// masks are written as version 1. A view that shows a part of a wide image has a member "part_of" with the
-// name of that image. Earlier files lack it, and all their views are read as those of ordinary images.
+// 2 adds a block "mask" (one byte per pixel, 0 = does not count) for views that have a mask. A view that
+// shows a part of a wide image has the members "part_of" (the name of that image) and "turn"
+// (View::turn_in_wide). Version 3 adds a list "wide_images" to each split, with the names, lenses and pixels
+// of these images. A file gets the lowest version that describes it.
 #pragma once
 
 #include <array>
@@ -16,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "host/data/lens_image.hpp"
 #include "host/scene/dataset.hpp"
 #include "host/scene/point_cloud.hpp"
 
@@ -60,17 +62,27 @@ class PackedFile {
     std::uint64_t offset = 0, size = 0;
     std::uint32_t crc = 0;
   };
+  struct Pixels {
+    std::string name;  // of the view or wide image
+    int width = 0, height = 0;
+    std::optional<Block> image, mask;
+  };
   struct PackedView {
     View view;  // without its image
-    std::optional<Block> image, mask;
+    Pixels pixels;
+  };
+  struct PackedWideImage {
+    WideLens lens;
+    Pixels pixels;
   };
   struct PackedSplit {
     std::string name;
     std::vector<PackedView> views;
+    std::vector<PackedWideImage> wide_images;
   };
   class Source;
   const PackedSplit& find(const std::string& name) const;
-  Image8 load(const PackedView& view) const;
+  Image8 load(const Pixels& pixels) const;
   void parse(const std::string& header, std::uint64_t blocks_bytes);
   std::vector<std::byte> read_block(const Block& block, const std::string& what) const;
 

@@ -160,8 +160,9 @@ std::size_t append_views(std::vector<View>& views, const View& view, const Lens&
   if (!base.file.empty() && options.load_images) {
     const int width = reduced(actual.width, lens.width, options.read.downscale);
     const int height = reduced(actual.height, lens.height, options.read.downscale);
-    base.wide = wide_image({actual.scaled_to(width, height), first.max_angle},
-                           {file, mask, options.background, std::nullopt, width, height});
+    base.wide = std::make_shared<StoredWideImage>(
+        WideLens{actual.scaled_to(width, height), first.max_angle}, file.string(),
+        file_image_source({file, mask, options.background, std::nullopt, width, height}));
   }
   std::size_t count = 0;
   for (const Undistortion& plan : plans) {

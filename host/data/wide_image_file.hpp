@@ -1,17 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-// wide_image() describes an image file of a wide lens for WideImage (host/scene/wide_image.hpp).
+// StoredWideImage is a WideImage (host/scene/wide_image.hpp) whose pixels are in a file.
 #pragma once
 
 #include <memory>
+#include <string>
 
-#include "host/data/image_source.hpp"
 #include "host/data/lens_image.hpp"
 #include "host/scene/wide_image.hpp"
 
 namespace ubs {
 
-// `lens` has the size of the delivered image, and `image` needs no undistortion. The functions of the result
-// throw Error if LensImage does.
-std::shared_ptr<const WideImage> wide_image(const WideLens& lens, const FileImage& image);
+class StoredWideImage final : public WideImage {
+ public:
+  // `lens` has the size of the image that `source` delivers, without undistortion. `where` names the image in
+  // messages. load(), faces() and compose() throw Error if LensImage does.
+  StoredWideImage(const WideLens& lens, std::string where, std::shared_ptr<const ImageSource> source)
+      : lens_(lens), where_(std::move(where)), source_(std::move(source)) {}
+
+  Image8 load() const override;
+  std::vector<Camera> faces(const Camera& camera) const override { return lens_image().faces(camera); }
+  RenderedView compose(std::span<const RenderedView> faces) const override {
+    return lens_image().compose(faces);
+  }
+  const WideLens& lens() const { return lens_; }
+
+ private:
+  // Creates a LensImage for each call instead of keeping it, because a data set may have thousands of wide
+  // images, of which only a few are measured.
+  LensImage lens_image() const { return LensImage(lens_, where_); }
+
+  WideLens lens_;
+  std::string where_;
+  std::shared_ptr<const ImageSource> source_;
+};
 
 }  // namespace ubs

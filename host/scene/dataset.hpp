@@ -53,7 +53,7 @@ struct View {
   bool masked = false;    // the image comes with a mask
   bool opaque = false;    // the file is known to have no alpha, so the image contains no background
   std::string part_of{};  // name of the wide image, if the view shows a part of one
-  std::shared_ptr<const WideImage> wide{};  // that image, if it is a file and images are loaded
+  std::shared_ptr<const WideImage> wide{};  // that image, if it is stored and images are loaded
   std::array<double, 9> turn_in_wide{1, 0, 0, 0, 1, 0, 0, 0, 1};  // camera of that image -> `camera`
   // Image file; empty if there is no image, or if it is in a video or packed file.
   std::filesystem::path file{};

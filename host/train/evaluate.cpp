@@ -78,7 +78,7 @@ FittedMetrics fitted_metrics(std::span<const float, 8> sums) {
   return {m.psnr_channel_mean, m.psnr, m.ssim};
 }
 
-// Compares a composed image, which is in host memory, with its file, which has a mask.
+// Compares a composed image, which is in host memory, with the stored one, which has a mask.
 ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name,
                          const RenderedView& composed, const Image8& file, ImageMetrics* more,
                          Appearance fit) {
@@ -109,6 +109,18 @@ ViewMetrics compare_wide(Device& device, Stages& stages, const std::string& name
     metrics.fitted = fitted_metrics(std::span<const float, 8>(sums.download()));
   }
   return metrics;
+}
+
+// Runs a step of measuring a wide image. If the image is too large, prints a warning.
+template <typename Step>
+void unless_too_large(const Step& step) {
+  try {
+    step();
+  } catch (const Error& error) {
+    if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
+    warn_once(
+        fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
+  }
 }
 
 // Sends the results of measure_more() to all ranks. Each view was measured by the rank that rendered it. JSON
@@ -161,34 +173,51 @@ void measure_from(Device& device, Stages& stages, Renderer& renderer, std::span<
   add_mean(metrics);
 }
 
-std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
-                                             std::span<const RenderGroup> groups,
-                                             const RenderSettings& settings, const std::vector<View>& views,
+std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, const DrawFaces& draw,
+                                             Communicator& ranks, const std::vector<View>& views,
                                              const std::vector<Camera>& cameras, ImageMetrics* more,
                                              Appearance fit) {
   std::vector<ViewMetrics> images;
   for (const auto& parts : views_by_image(views)) {
     const View& view = views[parts[0]];
     if (!view.wide) continue;
-    try {
-      const Image8 file = view.wide->load();
-      if (std::ranges::all_of(file.mask, [](std::uint8_t counts) { return counts == 0; })) continue;
-      const std::vector<Camera> faces = view.wide->faces(camera_of_wide_image(view, cameras[parts[0]]));
-      renderer.set_cameras(faces);
-      std::vector<RenderedView> renders;
-      for (std::uint32_t i = 0; i < faces.size(); ++i) {
-        renderer.forward(groups, i, settings, false);
-        renders.push_back(renderer.download());
-      }
-      const RenderedView composed = view.wide->compose(renders);
-      images.push_back(compare_wide(device, stages, view.part_of, composed, file, more, fit));
-    } catch (const Error& error) {
-      if (error.kind() != ErrorKind::memory && error.kind() != ErrorKind::usage) throw;
-      warn_once(
-          fmt::format("wide images are not compared in their own lens, only their views: {}", error.what()));
-    }
+    const Camera camera = camera_of_wide_image(view, cameras[parts[0]]);
+    Image8 image;
+    std::vector<Camera> faces;
+    if (ranks.first())
+      unless_too_large([&] {
+        image = view.wide->load();
+        if (std::ranges::count(image.mask, 0) < std::ssize(image.mask)) faces = view.wide->faces(camera);
+      });
+    std::uint64_t measured = faces.empty() ? 0 : 1;
+    ranks.sum(std::span(&measured, 1));
+    if (measured == 0) continue;
+    if (!ranks.first()) faces = view.wide->faces(camera);
+    const std::vector<RenderedView> renders = draw(faces);
+    if (ranks.first())
+      unless_too_large([&] {
+        const RenderedView composed = view.wide->compose(renders);
+        images.push_back(compare_wide(device, stages, view.part_of, composed, image, more, fit));
+      });
   }
   return images;
+}
+
+std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
+                                             std::span<const RenderGroup> groups,
+                                             const RenderSettings& settings, const std::vector<View>& views,
+                                             const std::vector<Camera>& cameras, ImageMetrics* more,
+                                             Appearance fit) {
+  const auto draw = [&](const std::vector<Camera>& faces) {
+    renderer.set_cameras(faces);
+    std::vector<RenderedView> renders;
+    for (std::uint32_t i = 0; i < faces.size(); ++i) {
+      renderer.forward(groups, i, settings, false);
+      renders.push_back(renderer.download());
+    }
+    return renders;
+  };
+  return measure_wide_images(device, stages, draw, alone(), views, cameras, more, fit);
 }
 
 ViewMetrics view_metrics(const std::string& name, std::span<const float, 8> sums) {

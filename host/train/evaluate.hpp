@@ -62,10 +62,18 @@ Metrics evaluate(Device& device, Stages& stages, Renderer& renderer, const Splat
                  std::uint32_t first_camera, ImageMetrics* more = nullptr, Appearance fit = Appearance::none);
 
 // Measures the wide images that `views` show parts of. From the cameras of the views, it renders the pinhole
-// images that WideImage::compose() needs, composes the image, and compares it with the file. Returns the
-// metrics of the images that are stored in a file, in the order of their first occurrence. If an image is too
-// large, the function prints a warning and skips the image. `more` and `fit` are those of evaluate().
-// Replaces the renderer's cameras.
+// images that WideImage::compose() needs, composes the image, and compares it with the stored one. Returns
+// the metrics of the images in the order of their first occurrence. If an image is too large, the function
+// prints a warning and skips the image. `more` and `fit` are those of evaluate().
+//
+// `draw` renders the pinhole images. With several ranks, every rank calls it equally often, and only its
+// result on the first rank is used. The other ranks get no metrics.
+using DrawFaces = std::function<std::vector<RenderedView>(const std::vector<Camera>& faces)>;
+std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, const DrawFaces& draw,
+                                             Communicator& ranks, const std::vector<View>& views,
+                                             const std::vector<Camera>& cameras, ImageMetrics* more,
+                                             Appearance fit);
+// This overload renders with `renderer` and replaces its cameras.
 std::vector<ViewMetrics> measure_wide_images(Device& device, Stages& stages, Renderer& renderer,
                                              std::span<const RenderGroup> groups,
                                              const RenderSettings& settings, const std::vector<View>& views,

@@ -36,7 +36,7 @@ std::vector<double> SharedViewPasses::picture_differences(std::uint32_t view) {
   return largest;
 }
 
-Metrics SharedViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
+Metrics SharedViewPasses::evaluate_test_views(ImageMetrics* more, Appearance fit) {
   const std::vector<View>& views = views_.test().views;
   const auto draw = [&](std::size_t own) {
     std::vector<std::int64_t> cameras(static_cast<std::size_t>(ranks_.size()), kNoView);

@@ -38,9 +38,10 @@ class SharedViewPasses final : public ViewPasses {
   Renderer& learning_renderer() override { return shared_.owner(); }
   void merge(BufferView<float> rows, std::size_t width) const override;
   void agree(std::span<bool> decisions, BufferView<std::uint32_t> sentinel, int iteration) const override;
-  Metrics evaluate_test(ImageMetrics* more, Appearance fit) override;
 
  private:
+  Metrics evaluate_test_views(ImageMetrics* more, Appearance fit) override;
+  Communicator& ranks() override { return ranks_; }
   // Each rank renders one view, or none (kNoView).
   void draw_round(std::vector<std::int64_t> cameras);
 

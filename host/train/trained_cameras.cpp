@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/train/trained_cameras.hpp"
 
-#include <algorithm>
-
 namespace ubs {
 
 void TrainedCameras::sweep(double done) {
@@ -40,16 +38,6 @@ std::vector<FittedCamera> TrainedCameras::fit(const Split& split, std::size_t fi
 const std::vector<FittedCamera>& TrainedCameras::held_out() {
   if (held_out_.empty()) held_out_ = fit(views_.test(), views_.train().views.size(), true);
   return held_out_;
-}
-
-void TrainedCameras::measure_wide(Metrics& metrics, ImageMetrics* more, Appearance fit) {
-  const std::vector<View>& views = views_.test().views;
-  if (std::ranges::none_of(views, [](const View& view) { return view.wide != nullptr; })) return;
-  const RenderGroup splats = group();
-  metrics.wide_images = measure_wide_images(device_, stages_, passes_.renderer(), std::span(&splats, 1),
-                                            passes_.settings(), views, test(), more, fit);
-  add_mean(metrics);
-  restore_cameras();
 }
 
 void TrainedCameras::measure_fitted(Metrics& metrics) {

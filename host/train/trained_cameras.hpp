@@ -33,8 +33,6 @@ class TrainedCameras {
   const std::vector<FittedCamera>& held_out();
   std::vector<FittedCamera> learnt() { return fit(views_.train(), 0, false); }
   void forget() { held_out_.clear(); }
-  // Measures the wide images of the test views in their own lens. `more` and `fit` are those of evaluate().
-  void measure_wide(Metrics& metrics, ImageMetrics* more, Appearance fit);
   // Measures the test views from the fitted cameras and stores the results in ViewMetrics::posed.
   void measure_fitted(Metrics& metrics);
 

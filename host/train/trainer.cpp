@@ -326,8 +326,6 @@ std::optional<double> Trainer::read_loss() {
 Metrics Trainer::evaluate_test(ImageMetrics* more) {
   stages_->pause();
   Metrics metrics = passes_->evaluate_test(more, settings().appearance);
-  // With several ranks, the views of a wide image are measured, but not the image.
-  if (ranks_.size() == 1) cameras_.measure_wide(metrics, more, settings().appearance);
   if (cameras_.refines() && progress_.iteration == settings().iterations) cameras_.measure_fitted(metrics);
   return metrics;
 }

@@ -64,6 +64,26 @@ int ViewPasses::run(const StepViews& step, bool uncounted, std::vector<Uncounted
 }
 
 Metrics ViewPasses::evaluate_test(ImageMetrics* more, Appearance fit) {
+  Metrics metrics = evaluate_test_views(more, fit);
+  const std::vector<View>& views = views_.test().views;
+  if (std::ranges::none_of(views, [](const View& view) { return view.wide != nullptr; })) return metrics;
+  const auto draw_faces = [&](const std::vector<Camera>& faces) {
+    set_cameras(faces);
+    std::vector<RenderedView> renders;
+    for (std::uint32_t i = 0; i < faces.size(); ++i) {
+      draw(i);
+      if (ranks().first()) renders.push_back(renderer_.download());
+    }
+    return renders;
+  };
+  metrics.wide_images =
+      measure_wide_images(device_, stages_, draw_faces, ranks(), views, views_.test_cameras(), more, fit);
+  add_mean(metrics);
+  set_cameras(views_.cameras());
+  return metrics;
+}
+
+Metrics ViewPasses::evaluate_test_views(ImageMetrics* more, Appearance fit) {
   return evaluate(device_, stages_, renderer_, splats_.view(), settings_, views_.test().views,
                   views_.targets(), first_test(), more, fit);
 }

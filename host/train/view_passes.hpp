@@ -74,14 +74,17 @@ class ViewPasses {
   // rank. If one rank has found a value that is not finite, sets the sentinels of the others (Guard) to this
   // iteration, so that the steps of all ranks stop.
   virtual void agree(std::span<bool>, BufferView<std::uint32_t>, int) const {}
-  // Measures the test views. `more` and `fit` are those of evaluate().
-  virtual Metrics evaluate_test(ImageMetrics* more, Appearance fit);
+  // Measures the test views and the wide images that they show parts of. `more` and `fit` are those of
+  // evaluate(). With several ranks, only the first one gets the metrics of wide images.
+  Metrics evaluate_test(ImageMetrics* more, Appearance fit);
   // Measures a training view in the same way, at its present size. Only for one process.
   ViewMetrics evaluate_train(std::uint32_t view, Appearance fit);
   // Returns ViewMetrics::psnr_channel_mean of one of the test views. Not for several ranks.
   double test_psnr(std::uint32_t view);
 
  protected:
+  virtual Metrics evaluate_test_views(ImageMetrics* more, Appearance fit);
+  virtual Communicator& ranks() { return alone(); }
   // Measures one view, whose image is that of the target.
   Metrics evaluate_one(const View& view, std::uint32_t target, Appearance fit);
   std::uint32_t first_test() const { return static_cast<std::uint32_t>(views_.train().views.size()); }

@@ -16,6 +16,7 @@
 #include "host/train/rank_plan.hpp"
 #include "host/train/run_settings.hpp"
 #include "host/train/schedule.hpp"
+#include "tests/support/images.hpp"
 #include "tests/support/made_scene.hpp"
 #include "tests/support/run_ubs.hpp"
 #include "tests/support/whole_sweep.hpp"
@@ -71,8 +72,10 @@ void check_same(const TempFolder& folder, const std::string& a, const std::strin
   const std::string model = get(folder / (a + "/model.ply"));
   REQUIRE(model.size() > 10000);
   CHECK((model == get(folder / (b + "/model.ply"))));
-  CHECK(metrics(folder, a)["test"]["views"] == metrics(folder, b)["test"]["views"]);
-  CHECK(metrics(folder, a)["test"]["mean"] == metrics(folder, b)["test"]["mean"]);
+  for (const char* part : {"views", "wide_images", "mean"}) {
+    INFO(part);
+    CHECK(metrics(folder, a)["test"][part] == metrics(folder, b)["test"][part]);
+  }
 }
 
 TEST_CASE("deal: faster ranks render more views, and the views of a round are consecutive") {
@@ -226,6 +229,28 @@ TEST_CASE(
   ubs_ok(folder, base + random + " --out random");
   ranks_ok(folder, 2, base + random + " --out random_of_two");
   check_same(folder, "random", "random_of_two");
+}
+
+TEST_CASE("ranks: wide images are measured in their own lens") {
+  const TempFolder folder;
+  json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", json::array()}};
+  for (int i = 0; i < 4; ++i) {
+    const std::string name = fmt::format("{}.png", i);
+    test::put_image(folder / "data" / name, 128, 64, 40 * i);
+    data["frames"].push_back(
+        {{"file_path", name},
+         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}});
+  }
+  test::put(folder / "data/transforms.json", data.dump());
+  // Measures before the last iteration too, so that training goes on after other cameras were rendered.
+  const std::string train =
+      "train data --dim 6 --batch 4 --init-points 300 --cap-max 300 --iterations 40 --test-every 2 "
+      "--eval-every 20 "
+      "--appearance gain --save-renders 0 --quiet --out ";
+  ubs_ok(folder, train + "one");
+  CHECK(metrics(folder, "one")["test"]["wide_images"].size() == 2);
+  ranks_ok(folder, 2, train + "two");
+  check_same(folder, "one", "two");
 }
 
 // The test below runs this one on every rank.

@@ -8,6 +8,7 @@
 #include "host/base/crc32.hpp"
 #include "host/base/file.hpp"
 #include "host/data/load_dataset.hpp"
+#include "host/data/wide_image_file.hpp"
 #include "tests/support/temp_folder.hpp"
 
 namespace ubs {
@@ -59,7 +60,10 @@ std::uint32_t version_of(const std::filesystem::path& path) {
 void read_everything(const std::filesystem::path& path) {
   const auto file = std::make_shared<const PackedFile>(path);
   for (const char* name : {"train", "test"})
-    for (const View& view : PackedFile::split_on_demand(file, name).views) view.load_image();
+    for (const View& view : PackedFile::split_on_demand(file, name).views) {
+      view.load_image();
+      if (view.wide) view.wide->load();
+    }
   file->points();
 }
 
@@ -208,10 +212,12 @@ TEST_CASE("a packed file records which views are parts of wide images", "[packed
   write_packed(folder / "ordinary.ubsd", data);
   CHECK(get(folder / "ordinary.ubsd").find("part_of") == std::string::npos);  // as earlier versions wrote it
   data.splits[0].views[1].part_of = "ring/pano \xff";
+  data.splits[0].views[1].turn_in_wide = {0, 0, 1, 0, 1, 0, -1, 0, 0};
   write_packed(folder / "wide.ubsd", data);
   CHECK(version_of(folder / "wide.ubsd") == 1);
   const auto file = std::make_shared<const PackedFile>(folder / "wide.ubsd");
   CHECK(file->split("train").views[1].part_of == "ring/pano \xff");
+  CHECK(file->split("train").views[1].turn_in_wide == data.splits[0].views[1].turn_in_wide);
   for (const auto& [name, wide] : {std::pair("ordinary.ubsd", false), std::pair("wide.ubsd", true)}) {
     const Dataset opened = load_dataset(folder / name, {.background = data.background});
     INFO(name);
@@ -220,9 +226,50 @@ TEST_CASE("a packed file records which views are parts of wide images", "[packed
   }
 }
 
+// Gives the views of a split a wide image of 8x8 pixels, whose last row is masked.
+void add_wide_image(Split& split) {
+  struct Stripes : ImageSource {
+    Image8 load() const override {
+      Image8 image{8, 8, std::vector<std::uint8_t>(192, 90), std::vector<std::uint8_t>(64, 255)};
+      for (std::size_t i = 56; i < 64; ++i) image.mask[i] = 0;
+      return image;
+    }
+  };
+  const auto wide =
+      std::make_shared<StoredWideImage>(wide_lens("fisheye:200", 8, 8), "fish", std::make_shared<Stripes>());
+  for (View& view : split.views) view.part_of = "fish", view.wide = wide;
+}
+
+TEST_CASE("wide images are restored with their lens, pixels and mask", "[packed]") {
+  const TempFolder folder;
+  PackedData data = make_data();
+  add_wide_image(data.splits[0]);
+  const WideImage& wide = *data.splits[0].views[0].wide;
+  write_packed(folder / "set.ubsd", data);
+  CHECK(version_of(folder / "set.ubsd") == 3);
+  const auto file = std::make_shared<const PackedFile>(folder / "set.ubsd");
+  const Split split = PackedFile::split_on_demand(file, "train");
+  REQUIRE(split.views[0].wide);
+  CHECK(split.views[1].wide == split.views[0].wide);
+  CHECK(!PackedFile::split_on_demand(file, "test").views[0].wide);
+  const WideImage& read = *split.views[0].wide;
+  CHECK(dynamic_cast<const StoredWideImage&>(read).lens().lens ==
+        dynamic_cast<const StoredWideImage&>(wide).lens().lens);
+  CHECK(read.load().rgb == wide.load().rgb);
+  CHECK(read.load().mask == wide.load().mask);
+  CHECK(std::ranges::count(read.load().mask, 0) >= 8);
+  CHECK(read.faces(Camera{}).size() == wide.faces(Camera{}).size());
+  // A packed file can be packed again, to the same bytes.
+  for (Split& again : data.splits) again = PackedFile::split_on_demand(file, again.name);
+  write_packed(folder / "again.ubsd", data);
+  CHECK(read_text_file(folder / "again.ubsd") == read_text_file(folder / "set.ubsd"));
+}
+
 TEST_CASE("every damaged byte of a packed file is detected", "[packed]") {
   const TempFolder folder;
-  write_packed(folder / "set.ubsd", make_data());
+  PackedData data = make_data();
+  add_wide_image(data.splits[0]);
+  write_packed(folder / "set.ubsd", data);
   const std::string good = get(folder / "set.ubsd");
   for (std::size_t at = 0; at < good.size(); ++at) {
     std::string bad = good;

@@ -144,8 +144,16 @@ TEST_CASE("eval: a wide image is compared in its own lens, except for its masked
   test::put(folder / "data/sparse/0/images.txt",
             "1 0.70710678118654752 0.70710678118654752 0 0 0 0 1 1 frame_0000.png\n\n");
   test::put(folder / "data/sparse/0/points3D.txt", "# none\n");
+  // A packed file gives the same figures as the folder.
   const auto measured = [&] {
-    return test::ubs_ok(folder, "eval m.ply data --split train --test-every 0 --fps-views 0 --json").out;
+    const std::string eval = "eval m.ply data --split train --test-every 0 --fps-views 0 --json";
+    const std::string out = test::ubs_ok(folder, eval).out;
+    test::ubs_ok(folder, "pack data --out data.ubsd --test-every 0 --overwrite");
+    const std::string packed =
+        test::ubs_ok(folder, "eval m.ply data.ubsd --split train --fps-views 0 --json").out;
+    for (const char* part : {"views", "wide_images", "mean"})
+      CHECK(parse_own_json(out, "eval").at(part) == parse_own_json(packed, "eval").at(part));
+    return out;
   };
   const Json all = parse_own_json(measured(), "eval");
   REQUIRE(all.at("views").size() == 6);

@@ -524,7 +524,11 @@
           null);
 
   const viewTable = () => {
-    const names = unique(runs.flatMap((run) => measuredViews(run).map((view) => view.name)));
+    const wide = (run) => list(find(run, 'test', 'wide_images')).map((image) => ({
+      ...dict(image), name: `${dict(image).name} (wide image, in its own lens)`
+    }));
+    const measured = runs.map((run) => [...wide(run), ...measuredViews(run)]);
+    const names = unique(measured.flatMap((views) => views.map((view) => view.name)));
     if (names.length === 0) return null;
     const columns = runs.flatMap(
         (_, r) => measureNames()
@@ -532,11 +536,11 @@
                       .map((name) => [r, name]));
     const rows = names.map((view) => [view, ...columns.map(([r, name]) => {
                              const value =
-                                 dict(measuredViews(runs[r]).find((own) => own.name === view))[name];
+                                 dict(measured[r].find((own) => own.name === view))[name];
                              return [isNumber(value) ? fixed(value, measure(name)[2]) : nothing, 'number'];
                            })]);
     return element(
-        'div', {}, element('h3', {}, `Test views (${names.length})`),
+        'div', {}, element('h3', {}, 'Test views'),
         table(['view', ...columns.map(([r, name]) => [labelled(r, measure(name)[0]), 'number'])], rows));
   };
   const stageTable = () => {
