@@ -161,10 +161,11 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
 // Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
 // returns the time budget. The number is the largest that is expected to fit the time budget. With several
 // ranks, there is no time budget and the run gets kDefaultIterations. `warm_up` is called before steps are
-// measured.
+// measured. `spent` returns the seconds of the budget that have passed.
 TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& device, const Dataset& data,
                            const Split& train,
-                           const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up) {
+                           const std::function<void(const TrainSettings&, const SplatModel&)>& warm_up,
+                           const std::function<double()>& spent) {
   const bool asked = !options.start.budget.empty();
   const PictureFacts pictures = picture_facts(train, start.settings);
   TimeBudget budget{.seconds = asked ? time_budget_seconds(options.start.budget) : kDefaultSeconds,
@@ -181,21 +182,21 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
       flush_out();
     }
     warm_up(few, initial);
-    const Stopwatch watch;
     budget.costs = measure_steps(device, in_unit(few), train, initial, 2 * initial.count);
-    budget.measured = watch.seconds();
+    budget.spent = spent();
     BudgetedRun run = choose_iterations(std::move(budget), base, train, points_of(data), pictures);
     start.settings = std::move(run.settings);
     budget = std::move(run.budget);
   }
   const bool ends_early = budget.seconds > 0 && start.settings.iterations < budget.most_iterations;
   if (options.talkative()) {
-    say("schedule {}{} iterations{}, at most {} splats{}\n", ends_early ? "about " : "",
+    say("schedule {}{} iterations{}, at most {} splats\n", ends_early ? "about " : "",
         start.settings.iterations,
-        budget.seconds > 0 ? fmt::format(" in {}", duration_text(budget.seconds)) : "",
-        start.settings.cap_max,
-        budget.seconds > 0 ? fmt::format("; measuring the steps took {}", duration_text(budget.measured))
-                           : "");
+        budget.seconds > 0
+            ? fmt::format(" in the {} that are left of {}", duration_text(budget.seconds - budget.spent),
+                          duration_text(budget.seconds))
+            : "",
+        start.settings.cap_max);
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
           kScheduleLength);
@@ -338,8 +339,9 @@ int run(const TrainOptions& options) {
   Split test_split = take_test(data, settings);
   folder.check_renders(test_split, settings.save_renders, overwrite);
   for (const Split* split : {&train_split, &test_split}) folder.check_apart_from(*split);
-  const std::unique_ptr<Device> device =
-      open_proved_device(device_of_rank(options.device), use_of(settings, options));
+  std::unique_ptr<Device> device;
+  const double proof_seconds = seconds_of(
+      [&] { device = open_proved_device(device_of_rank(options.device), use_of(settings, options)); });
   std::unique_ptr<ImageMetrics> networks;
   if (options.lpips.wanted()) networks = open_networks(*device, lpips, test_split);
   if (options.talkative()) print_start(data, train_split, test_split, settings, *device);
@@ -356,8 +358,10 @@ int run(const TrainOptions& options) {
     build_seconds += seconds_of(
         [&] { build_kernels_of_rank(*device, with, train_split, test_split, initial, networks.get()); });
   };
+  // The results of the proof and of compilation are kept, so they take time only once.
+  const auto spent = [&] { return since_start.seconds() - proof_seconds - build_seconds; };
   run.budget = start.checkpoint ? start.checkpoint->budget
-               : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up)
+               : start.fast     ? choose_settings(options, start, *device, data, train_split, warm_up, spent)
                                 : TimeBudget{};
   if (start.checkpoint && !options.start.budget.empty())
     settings.work_shares = shares_until(settings, start.checkpoint->state.iteration);
@@ -365,7 +369,7 @@ int run(const TrainOptions& options) {
       start.checkpoint ? start.checkpoint->state.model : initial_model(data, train_split, in_unit(settings));
   warm_up(settings, initial);
   if (options.talkative())
-    say("kernels  compiled in {:.1f} s (not counted as training time)\n{} {} splats\n", build_seconds,
+    say("kernels  compiled in {:.1f} s (not part of a time budget)\n{} {} splats\n", build_seconds,
         start.checkpoint ? "state   " : "begins  ", initial.count);
   flush_out();
   networks.reset();  // its memory does not count as that of training
@@ -381,11 +385,12 @@ int run(const TrainOptions& options) {
   InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
   const double preparation = since_start.seconds();
+  if (!start.checkpoint) run.budget.spent = spent();
   if (run.budget.seconds > 0) trainer.keep_to(run.budget);
   if (start.checkpoint && !options.start.budget.empty() && start.checkpoint->is_finished())
     trainer.go_on_for(run.budget.seconds - trainer.seconds());
   if (!settings.chosen.contains("eval_every")) trainer.sample_test();
-  const double budget_seconds = run.budget.seconds;
+  const double budget_seconds = run.budget.seconds, budget_spent = run.budget.spent;
   RunKeeper keeper(folder, std::move(run), start.checkpoint ? trainer.iteration() : -1);
   Progress progress(settings.iterations, options.quiet || !ranks().first());
   std::optional<serve::LiveTraining> live;
@@ -419,7 +424,7 @@ int run(const TrainOptions& options) {
     if (!outcome.interrupted && outcome.evaluation && ranks().size() == 1)
       outcome.train = trainer.evaluate_train(kMeasuredTrainViews);
     if (ranks().first()) {
-      json = run_json(start, *device, peak_bytes, trainer, outcome);
+      json = run_json(start, *device, peak_bytes, budget_spent, trainer, outcome);
       json["kernel_seconds"] = build_seconds;
       json["preparation_seconds"] = preparation;
       if (!chosen.empty()) json["chosen"] = chosen;

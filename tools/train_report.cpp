@@ -14,7 +14,7 @@ namespace {
 
 // Minutes per stage are estimated from sampled iterations (host/train/timed_stages.hpp). "other" is the rest
 // of the time: images, the host, and work between stages.
-Json minutes_json(const Trainer& trainer) {
+Json minutes_json(const Trainer& trainer, double spent) {
   Json stages = Json::object();
   double known = 0;
   std::uint64_t samples = 0;
@@ -23,7 +23,8 @@ Json minutes_json(const Trainer& trainer) {
     known += time.seconds;
     if (time.stage == "raster_forward") samples = time.sampled;
   }
-  stages["other"] = std::max(0.0, trainer.seconds() - known) / 60;
+  if (spent > 0) stages["preparation"] = spent / 60;
+  stages["other"] = std::max(0.0, trainer.seconds() - spent - known) / 60;
   return {{"total", trainer.seconds() / 60}, {"sampled_views", samples}, {"stages", std::move(stages)}};
 }
 
@@ -97,9 +98,9 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
 
 namespace {
 
-Json actual_json(Trainer& trainer, std::uint64_t peak_bytes) {
+Json actual_json(Trainer& trainer, std::uint64_t peak_bytes, double spent) {
   return {{"seconds", trainer.seconds()},
-          {"step_ms", 1e3 * trainer.seconds() / std::max(1, trainer.iteration())},
+          {"step_ms", 1e3 * (trainer.seconds() - spent) / std::max(1, trainer.iteration())},
           {"mean_intersections", trainer.intersections().mean()},
           {"most_intersections", trainer.intersections().most},
           {"memory_bytes", peak_bytes}};
@@ -107,8 +108,8 @@ Json actual_json(Trainer& trainer, std::uint64_t peak_bytes) {
 
 }  // namespace
 
-Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
-              const Outcome& outcome) {
+Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, double spent,
+              Trainer& trainer, const Outcome& outcome) {
   TrainSettings settings = start.settings;
   Json json{{"version", version()},
             {"build", build_id()},
@@ -119,7 +120,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"splats", trainer.splats()},
             {"iterations", trainer.iteration()},
             {"seconds", trainer.seconds()},
-            {"minutes", minutes_json(trainer)},
+            {"minutes", minutes_json(trainer, spent)},
             {"resumed_from", nullptr},
             {"rollbacks", trainer.rollbacks()},
             {"dropped_splats", trainer.dropped()},
@@ -128,7 +129,7 @@ Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes
             {"extent", trainer.extent() * settings.unit},
             {"device", device_json(device.info())},
             {"settings", to_json(bind_fields(settings, train_fields()))},
-            {"actual", actual_json(trainer, peak_bytes)},
+            {"actual", actual_json(trainer, peak_bytes, spent)},
             {"test", nullptr}};
   if (const int ranks = trainer.ranks().size(); ranks > 1) {
     json["ranks"] = ranks;

@@ -38,8 +38,8 @@ void print_summary(const Start& start, const RunFolder& folder, Trainer& trainer
                    std::uint64_t peak_bytes, std::size_t renders, bool has_budget);
 
 // Returns metrics.json without the parts about files: storage and data report. `peak_bytes` is the peak
-// memory of training.
-Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, Trainer& trainer,
-              const Outcome& outcome);
+// memory of training, and `spent` the part of Trainer::seconds() before the first iteration.
+Json run_json(const Start& start, const Device& device, std::uint64_t peak_bytes, double spent,
+              Trainer& trainer, const Outcome& outcome);
 
 }  // namespace ubs::tools

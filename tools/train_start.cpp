@@ -20,6 +20,10 @@ namespace ubs::tools {
 
 constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations take longer on every device
 
+// Initial points that are looked for per second of the budget
+// (docs/results/2026-11-29-time-before-training.md).
+constexpr double kFoundPerSecond = 625;
+
 // With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
 // settings of fast runs replace the returned ones as soon as the data are known.
 NewSettings resolve_new(const SettingsOptions& given, const std::string& budget) {
@@ -42,7 +46,11 @@ NewSettings resolve_new(const SettingsOptions& given, const std::string& budget)
   run.settings.iterations = TrainSettings{}.iterations;
   run.fast = resolved(fast_settings());
   run.fast->iterations = run.settings.iterations;
-  if (asked) run.settings = *run.fast;
+  if (!asked) return run;
+  if (!run.fast->chosen.contains("find_points"))
+    run.fast->find_points = static_cast<int>(
+        std::min(kFoundPerSecond * time_budget_seconds(budget), 1.0 * run.fast->find_points));
+  run.settings = *run.fast;
   return run;
 }
 

@@ -124,14 +124,21 @@ InitialSpace space_for(const Split& train) {
   return initial_space(cameras_of(train), look_at(train).lone_object);
 }
 
+// Initial points are searched in one image per kPointsAnImage points, in at least kLeastCompared and at most
+// kMostCompared images (docs/results/2026-11-29-time-before-training.md).
+constexpr double kPointsAnImage = 600, kLeastCompared = 40, kMostCompared = 120;
+
 // Adds points that the images of a still scene show to those of the data, unless the user set the initial
 // splats (docs/results/2026-11-22-placed-points.md).
 void place_points(Dataset& data, const Split& train, const TrainSettings& settings) {
   constexpr std::size_t kMinCorners = 500;
-  constexpr double kPixelsAPoint = 4, kMaxPlaced = 75'000;
-  if (settings.init_extent != kAuto || settings.init_points != kAutoInt) return;
-  const auto between = static_cast<std::size_t>(std::min(kMaxPlaced, median_pixels(train) / kPixelsAPoint));
-  const Triangulation found = triangulate(train.views, between, settings.seed);
+  constexpr double kPixelsAPoint = 4;
+  if (settings.init_extent != kAuto || settings.init_points != kAutoInt || settings.find_points == 0) return;
+  const double wanted = settings.find_points;
+  const auto images =
+      static_cast<std::size_t>(std::clamp(wanted / kPointsAnImage, kLeastCompared, kMostCompared));
+  const auto between = static_cast<std::size_t>(std::min(wanted, median_pixels(train) / kPixelsAPoint));
+  const Triangulation found = triangulate(train.views, images, between, settings.seed);
   if (found.brightness_ratio > kUnevenBrightness && settings.appearance == Appearance::none)
     warn(
         "the exposure of the images differs (many show the same points {:.2f} times as bright as a "
@@ -143,7 +150,7 @@ void place_points(Dataset& data, const Split& train, const TrainSettings& settin
   std::ranges::copy(found.points.colours, std::back_inserter(data.points->colours));
   data.report.notes.push_back(
       fmt::format("initial points found by comparing images: {} at keypoints, {} at pixels between them (to "
-                  "disable: --init-points NUMBER)",
+                  "disable: --set find_points=0)",
                   found.corners, found.points.positions.size() - found.corners));
 }
 

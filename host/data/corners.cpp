@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
+#include <numeric>
 #include <opencv2/core/hal/hal.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -21,25 +21,46 @@ constexpr float kCornerSize = 3;         // [px] size of the descriptor of a den
 constexpr int kFeatures = 3000, kOctaveLayers = 3;
 // OpenCV's default is 0.04, which gives too few features in small images.
 constexpr double kFeatureContrast = 0.005;
-constexpr double kStrip = 16;  // [px] width of the strips that corners are sorted into
+constexpr double kCell = 16;  // [px] side of the cells that corners are sorted into
 // Maximum ratio of the distances of the best and the second best descriptor in the band.
 constexpr float kRatio = 0.85f;
 
-// Returns the corners at most `band` away from the line a u + b v + c = 0, whose normal has unit length.
-std::vector<std::size_t> near_line(const Corners& in, const Vec3& line, double band) {
-  std::vector<std::size_t> found;
+void sort_into_cells(Corners& corners, const Image8& image) {
+  corners.cell = kCell * corners.pixel();
+  const auto cells = [&](double length) { return static_cast<std::size_t>(length / corners.cell); };
+  corners.cells_down = cells(image.height) + 1;
+  const auto cell_of = [&](std::size_t k) {
+    return cells(corners.at[k][0]) * corners.cells_down + cells(corners.at[k][1]);
+  };
+  corners.first.assign((cells(image.width) + 1) * corners.cells_down + 1, 0);
+  for (std::size_t k = 0; k < corners.at.size(); ++k) ++corners.first[cell_of(k) + 1];
+  std::partial_sum(corners.first.begin(), corners.first.end(), corners.first.begin());
+  corners.sorted.resize(corners.at.size());
+  std::iota(corners.sorted.begin(), corners.sorted.end(), std::size_t{0});
+  std::ranges::stable_sort(corners.sorted, {}, cell_of);
+}
+
+// Calls visit() for the corners at most `band` away from the line a u + b v + c = 0, whose normal has unit
+// length.
+template <typename Visit>
+void for_near_line(const Corners& in, const Vec3& line, double band, const Visit& visit) {
+  if (in.at.empty()) return;
   const double b = std::copysign(std::max(std::abs(line[1]), 1e-9), line[1]);
-  const auto row = [&](std::size_t k) { return in.at[k][1]; };
-  for (std::size_t s = 0; s < in.strips.size(); ++s) {
-    const double left = -(line[0] * kStrip * static_cast<double>(s) + line[2]) / b;
-    const double right = left - line[0] * kStrip / b, slack = band / std::abs(b);
-    const auto first = std::ranges::lower_bound(in.strips[s], std::min(left, right) - slack, {}, row);
-    const auto last = std::ranges::upper_bound(in.strips[s], std::max(left, right) + slack, {}, row);
-    std::copy_if(first, last, std::back_inserter(found), [&](std::size_t k) {
-      return std::abs(line[0] * in.at[k][0] + line[1] * in.at[k][1] + line[2]) <= band;
-    });
+  // The rows of the line at the left border of a column of cells, in cells, and the rows that it crosses
+  // there.
+  double left = -line[2] / (b * in.cell);
+  const double step = -line[0] / b, slack = band / (std::abs(b) * in.cell);
+  const auto last = static_cast<double>(in.cells_down - 1);
+  for (std::size_t c = 0; c + 1 < in.first.size(); c += in.cells_down, left += step) {
+    const double top = std::min(left, left + step) - slack, bottom = std::max(left, left + step) + slack;
+    if (!(bottom >= 0 && top < last + 1)) continue;
+    const std::size_t from = in.first[c + static_cast<std::size_t>(std::max(top, 0.0))];
+    const std::size_t to = in.first[c + static_cast<std::size_t>(std::min(bottom, last)) + 1];
+    for (std::size_t i = from; i < to; ++i) {
+      const std::size_t k = in.sorted[i];
+      if (std::abs(line[0] * in.at[k][0] + line[1] * in.at[k][1] + line[2]) <= band) visit(k);
+    }
   }
-  return found;
 }
 
 }  // namespace
@@ -83,10 +104,7 @@ Corners find_corners(const View& view, CornerKind kind) {
     const auto pixel = image.rgb.begin() + static_cast<std::ptrdiff_t>(3 * pixel_index(image, at));
     std::copy_n(pixel, 3, out.colours.emplace_back().begin());
   }
-  out.strips.resize(static_cast<std::size_t>(image.width / kStrip) + 1);
-  for (std::size_t k = 0; k < out.at.size(); ++k)
-    out.strips[static_cast<std::size_t>(out.at[k][0] / kStrip)].push_back(k);
-  for (auto& strip : out.strips) std::ranges::sort(strip, {}, [&](std::size_t k) { return out.at[k][1]; });
+  sort_into_cells(out, image);
   return out;
 }
 
@@ -135,14 +153,14 @@ std::vector<std::ptrdiff_t> best_along_lines(const Corners& from, const Corners&
     for (double& l : line) l /= size;
     float first = 1e30f, second = 1e30f;
     const float* mine = from.descriptors.ptr<float>(static_cast<int>(i));
-    for (const std::size_t j : near_line(to, line, band)) {
+    for_near_line(to, line, band, [&](std::size_t j) {
       const float d =
           cv::hal::normL2Sqr_(mine, to.descriptors.ptr<float>(static_cast<int>(j)), to.descriptors.cols);
       if (d < first)
         second = first, first = d, best[i] = static_cast<std::ptrdiff_t>(j);
       else
         second = std::min(second, d);
-    }
+    });
     if (first > kRatio * kRatio * second) best[i] = -1;
   }
   return best;

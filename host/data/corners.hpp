@@ -25,8 +25,11 @@ struct Corners {
   std::vector<Pixel> at;
   std::vector<std::array<std::uint8_t, 3>> colours;
   cv::Mat descriptors;  // float, one row per corner
-  // For each strip of columns: the indices of its corners, sorted by row.
-  std::vector<std::vector<std::size_t>> strips;
+  // The corners sorted into square cells of `cell` pixels, whose numbers count down the columns of cells. The
+  // corners of cell i are sorted[first[i]] to sorted[first[i + 1] - 1].
+  double cell = 1;
+  std::size_t cells_down = 0;
+  std::vector<std::size_t> first, sorted;
   const Camera& camera() const { return picture.camera; }
   // Size of a pixel of the searched image, in pixels of the camera.
   double pixel() const { return picture.across; }

@@ -40,7 +40,7 @@ CovarianceAxes covariance_axes(const double (&)[3][3]) {
   without_opencv("computing the axes of covariances");
 }
 Alignment align_cameras(std::span<const View>) { return {}; }
-Triangulation triangulate(std::span<const View>, std::size_t, std::uint64_t) { return {}; }
+Triangulation triangulate(std::span<const View>, std::size_t, std::size_t, std::uint64_t) { return {}; }
 
 class VideoFile {};
 std::shared_ptr<VideoFile> open_video(const std::filesystem::path& path) { without_opencv(path.string()); }

@@ -16,7 +16,6 @@
 namespace ubs {
 namespace {
 
-constexpr std::size_t kPictures = 200;  // maximum number of images used, evenly spaced
 constexpr std::size_t kNeighbours = 6;  // number of images that each image is matched with
 // Maximum distance [px] of a match from the epipolar line, and of the projected point from its corners.
 constexpr double kBand = 2;
@@ -157,10 +156,11 @@ std::optional<double> log_brightness_ratio(const Corners& a, const Corners& b,
 
 }  // namespace
 
-Triangulation triangulate(std::span<const View> all, std::size_t between, std::uint64_t seed) {
+Triangulation triangulate(std::span<const View> all, std::size_t images, std::size_t between,
+                          std::uint64_t seed) {
   std::vector<const View*> views;
   std::vector<Camera> cameras;
-  const std::size_t count = std::min(kPictures, all.size());
+  const std::size_t count = std::min(images, all.size());
   for (std::size_t i = 0; i < count; ++i)
     if (const View& view = all[i * all.size() / count]; view.has_image())
       views.push_back(&view), cameras.push_back(view.camera);

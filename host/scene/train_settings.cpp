@@ -57,6 +57,11 @@ const Field<S> kFields[] = {
           "number of random initial splats if the data contain no points; auto: triangulate points from the "
           "images, or if that fails, one splat per three pixels of an image, at most 100000",
           &S::init_points, 1, kMaxSplats, true}),
+    used(kSetFirst, {"find_points",
+                     "number of initial points to find by comparing the images of a still scene; 0: none. "
+                     "Fewer points take "
+                     "less time, and --budget chooses fewer for short budgets",
+                     &S::find_points, 0, kMaxSplats}),
     used(kSetFirst,
          {"init_extent",
           "place random initial splats in [-init_extent, init_extent]^3; auto: in the space that the cameras "

@@ -40,7 +40,7 @@ Json budget_json(const TimeBudget& budget) {
                      {"each_ms", cost.each_ms},
                      {"sweep_ms", cost.sweep_ms}});
   return {{"seconds", budget.seconds},
-          {"measured", budget.measured},
+          {"spent", budget.spent},
           {"most_iterations", budget.most_iterations},
           {"first_iterations", budget.first_iterations},
           {"costs", costs}};
@@ -49,7 +49,7 @@ Json budget_json(const TimeBudget& budget) {
 TimeBudget read_budget(const Json& json) {
   TimeBudget budget;
   json.at("seconds").get_to(budget.seconds);
-  json.at("measured").get_to(budget.measured);
+  json.at("spent").get_to(budget.spent);
   json.at("most_iterations").get_to(budget.most_iterations);
   json.at("first_iterations").get_to(budget.first_iterations);
   for (const Json& cost : json.at("costs"))

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "host/base/error.hpp"
+#include "host/base/warning.hpp"
 
 namespace ubs {
 namespace {
@@ -124,17 +125,27 @@ double expected_seconds(int iterations, const std::vector<StepCost>& costs, cons
 BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, const Split& train,
                               std::size_t points, const PictureFacts& pictures) {
   const auto seconds = [&](int iterations) {
-    return budget.measured + expected_seconds(iterations, budget.costs, base, train, points, pictures);
+    return expected_seconds(iterations, budget.costs, base, train, points, pictures);
   };
-  if (const double least = seconds(kMinIterations); least > budget.seconds)
+  const double least = seconds(kMinIterations);
+  if (least > budget.seconds)
     fail(ErrorKind::usage,
-         "the measured iterations took {:.3g} s, and the minimum of {} iterations would take {:.3g} s more, "
-         "which exceeds the budget of {:.3g} s: increase the budget, or reduce the images with downscale",
-         budget.measured, kMinIterations, least - budget.measured, budget.seconds);
+         "the minimum of {} iterations would take {:.3g} s, which exceeds the budget of {:.3g} s: increase "
+         "the "
+         "budget, or reduce the images with downscale",
+         kMinIterations, least, budget.seconds);
+  if (budget.spent + least > budget.seconds) {
+    warn(
+        "{:.3g} s of the budget of {:.3g} s passed before the first iteration, and the minimum of {} "
+        "iterations "
+        "takes {:.3g} s more",
+        budget.spent, budget.seconds, kMinIterations, least);
+    budget.seconds = budget.spent + least;
+  }
   int fits = kMinIterations, beyond = budget.most_iterations + 1;
   while (beyond - fits > 1) {
     const int middle = fits + (beyond - fits) / 2;
-    (seconds(middle) <= budget.seconds ? fits : beyond) = middle;
+    (budget.spent + seconds(middle) <= budget.seconds ? fits : beyond) = middle;
   }
   budget.first_iterations = fits;
   return {fast_settings_for(base, fits, points, pictures), std::move(budget)};

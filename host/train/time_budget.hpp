@@ -63,8 +63,8 @@ inline constexpr double kLastPart = 0.85;
 double cooldown_seconds(double trained, double left);
 
 struct TimeBudget {
-  double seconds = 0;   // training time; 0: the run has no budget
-  double measured = 0;  // part of it that was used for measuring the costs
+  double seconds = 0;  // 0: the run has no budget
+  double spent = 0;    // part of it that passed before the first iteration
   int most_iterations = kScheduleLength;
   int first_iterations = 0;  // number of iterations that the settings were chosen for
   std::vector<StepCost> costs;
@@ -81,7 +81,8 @@ double expected_seconds(int iterations, const std::vector<StepCost>& costs, cons
 // Chooses the number of iterations that fits into a time budget, as far as this can be known before the first
 // iteration, and returns the settings for it. The function also sets first_iterations of the returned budget.
 // `points` is the number of splats that the data can provide at the start; 0: they are placed at random.
-// Throws Error(usage) if the time is too short for kMinIterations.
+// Throws Error(usage) if the whole time is too short for kMinIterations. If only the time that is left is too
+// short, prints a warning and extends the budget.
 struct BudgetedRun {
   TrainSettings settings;
   TimeBudget budget;

@@ -349,7 +349,7 @@ void Trainer::keep_to(const TimeBudget& budget) {
   if (ranks_.size() > 1) fail(ErrorKind::usage, "a time budget is not supported with several MPI processes");
   pace_.emplace(budget, settings(), views_.train(), initial_);
   const bool begins = progress_.iteration == 0 && settings().work_shares.empty();
-  if (begins) progress_.seconds = budget.measured;
+  if (begins) progress_.seconds = budget.spent;
   pace_->begin(schedule_.work(), progress_.iteration, progress_.seconds, cameras_.swept_seconds());
   // A run that was resumed with another budget begins at the last point. Otherwise that point is in the
   // future, because a state is saved after the next point has been set.

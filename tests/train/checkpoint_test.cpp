@@ -79,7 +79,7 @@ TEST_CASE("checkpoint: a run resumed at any point is bit-identical to an uninter
         run_to(first, cut);
         Checkpoint kept = checkpoint_of(settings, first.state());
         kept.budget = {.seconds = 12.5,
-                       .measured = 0.25,
+                       .spent = 0.25,
                        .most_iterations = 900,
                        .first_iterations = 70,
                        .costs = {{2, 3.5, 1e-3, 0}, {1, 7, 2e-3, 80}}};

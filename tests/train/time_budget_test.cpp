@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
+#include "host/base/warning.hpp"
 #include "host/scene/settings.hpp"
 #include "host/train/measure_steps.hpp"
 #include "tests/pipeline/training_runs.hpp"
@@ -27,7 +28,7 @@ Split views_of(int side) {
 // this time.
 std::vector<StepCost> some_costs() { return {{4, 0.2, 0.0002, 0}, {2, 0.5, 0.0005, 0}, {1, 1, 0.001, 0}}; }
 
-TimeBudget budget_of(double seconds) { return {.seconds = seconds, .measured = 0.5, .costs = some_costs()}; }
+TimeBudget budget_of(double seconds) { return {.seconds = seconds, .spent = 0.5, .costs = some_costs()}; }
 
 // The difference between a machine and the measured costs: the factor of the step time, and additional time.
 struct Machine {
@@ -66,7 +67,7 @@ Simulated simulate(TimeBudget asked, const TrainSettings& base, std::size_t poin
   auto [settings, budget] = choose_iterations(std::move(asked), base, train, points);
   const std::vector<PyramidLevel> levels = pyramid_levels(settings, train);
   BudgetPace pace(budget, settings, train, points);
-  double now = budget.measured, swept = 0;
+  double now = budget.spent, swept = 0;
   bool stopped = false;
   std::uint32_t splats = UINT32_MAX;  // maximum, after growth has ended early
   pace.begin(WorkShare(settings), 0, now, 0);
@@ -154,9 +155,19 @@ TEST_CASE("time budget: the iterations are as many as fit the budget at the meas
   bounded.most_iterations = 16000;
   CHECK(choose_iterations(bounded, fast_settings(), train, 9000).settings.iterations == 16000);
   const std::string refusal =
-      message_of([&] { choose_iterations(budget_of(0.6), fast_settings(), train, 9000); }, ErrorKind::usage);
+      message_of([&] { choose_iterations(budget_of(0.1), fast_settings(), train, 9000); }, ErrorKind::usage);
   CHECK(refusal.find("increase the budget") != std::string::npos);
-  CHECK(refusal.find("took 0.5 s") != std::string::npos);
+  // If only the preparation took too long, the run gets the minimum, and the time for it.
+  TimeBudget late = budget_of(20);
+  late.spent = 50;
+  std::string warning;
+  set_log([&](LogLevel, const std::string& text) { warning += text; });
+  const BudgetedRun least = choose_iterations(late, fast_settings(), train, 9000);
+  set_log({});
+  CHECK(least.settings.iterations == kMinIterations);
+  CHECK(least.budget.seconds > 50);
+  CHECK(least.budget.seconds < 51);
+  CHECK(warning.find("50 s of the budget of 20 s passed") != std::string::npos);
 }
 
 TEST_CASE("time budget: it is respected within 2 % and 2 s on fast, slow and loaded machines", "[budget]") {
@@ -223,7 +234,7 @@ TEST_CASE("time budget: if the iterations fit, the clock changes no settings", "
 
 namespace {
 
-TimeBudget small_budget() { return {.seconds = 30, .measured = 1, .costs = {{1, 100, 0, 0}}}; }
+TimeBudget small_budget() { return {.seconds = 30, .spent = 1, .costs = {{1, 100, 0, 0}}}; }
 
 struct Trained {
   TrainSettings settings;
