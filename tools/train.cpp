@@ -158,6 +158,16 @@ void measure_finally(Device& device, const LpipsRequest& request, Trainer& train
   outcome.evaluation->metrics = trainer.evaluate_test(&more);
 }
 
+// Describes the image pyramid of a run; empty if it trains on full-size images only.
+std::string sizes_text(const std::vector<PyramidLevel>& levels) {
+  std::string text;
+  for (const PyramidLevel& level : levels)
+    text += level.factor > 1 ? fmt::format("1/{} of the width and height until {:.0f} % of the work, ",
+                                           level.factor, 100 * level.until)
+                             : "then full size";
+  return levels.size() > 1 ? text : "";
+}
+
 // Chooses the number of iterations of a run if the user did not choose it, completes the settings, and
 // returns the time budget. The number is the largest that is expected to fit the time budget. With several
 // ranks, there is no time budget and the run gets kDefaultIterations. `warm_up` is called before steps are
@@ -200,6 +210,8 @@ TimeBudget choose_settings(const TrainOptions& options, Start& start, Device& de
     if (!asked)
       say("         (--iterations {} for the published schedule, --budget TIME for another time)\n",
           kScheduleLength);
+    if (const std::string sizes = sizes_text(pyramid_levels(start.settings, train)); !sizes.empty())
+      say("images   {}\n", sizes);
   }
   flush_out();
   return budget;

@@ -264,6 +264,8 @@ PictureFacts picture_facts(const Split& train, const TrainSettings& settings) {
   facts.few_photographs = !look.lone_object && std::ranges::all_of(train.views, &View::opaque) &&
                           train.views.size() <= kFewPhotographs;
   facts.wide_images = has_wide_images(train);
+  facts.views = train.views.size();
+  facts.pixels = median_pixels(train);
   return facts;
 }
 

@@ -29,6 +29,11 @@ constexpr int kSplatsAnIteration = 12, kPointsAnIteration = 40, kMinSplats = 100
 // (docs/results/2026-11-22-long-schedules.md).
 constexpr int kShortRun = 2000;
 constexpr double kPyramidPower = 0.5;
+// Large images, and images of which each is used only a few times, are trained in full size only at the end
+// (docs/results/2026-11-29-image-size.md).
+constexpr double kLargePixels = 1e6;
+constexpr int kFewUses = 4;
+constexpr const char *kPyramidOfLarge = "4:0.5,2:0.95", *kPyramidOfFewUses = "4:0.7,2:0.95";
 // This value is for models with direct conditioning and time (docs/results/2026-11-24-budgets.md).
 constexpr double kMovingCooldown = 0.6;
 constexpr double kFewOpacityReg = 0.02;  // docs/results/2026-11-25-few-photographs.md
@@ -55,10 +60,16 @@ bool is_free(const TrainSettings& s, const char* key, const Value& value, const 
   return value == usual && !s.chosen.contains(key);
 }
 
+std::string usual_pyramid(int iterations, const PictureFacts& pictures) {
+  if (static_cast<double>(iterations) < kFewUses * static_cast<double>(pictures.views))
+    return kPyramidOfFewUses;
+  return pictures.pixels > kLargePixels ? kPyramidOfLarge : fast_settings().pyramid;
+}
+
 // Adapts the settings that fall with the length of the run to the number of iterations. Values are rounded to
 // a few digits to keep config.yaml readable.
-void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
-  const TrainSettings base = fast_settings();
+void lengthen(TrainSettings& s, int iterations, bool direction_falls, const PictureFacts& pictures) {
+  TrainSettings base = fast_settings();
   const auto fall = [&](const char* key, double TrainSettings::*value, double power) {
     if (is_free(s, key, s.*value, base.*value))
       s.*value = std::stod(fmt::format("{:.3g}", fallen(base.*value, power, iterations)));
@@ -67,6 +78,7 @@ void lengthen(TrainSettings& s, int iterations, bool direction_falls) {
   if (direction_falls && !has_time(s.dim))
     fall("beta_dir_init", &TrainSettings::beta_dir_init, kDirectionPower);
   if (!is_free(s, "pyramid", s.pyramid, base.pyramid)) return;
+  base.pyramid = usual_pyramid(iterations, pictures);
   s.pyramid.clear();
   for (const PyramidStep& step : pyramid_steps(base))
     s.pyramid += fmt::format("{}{}:{:.2g}", s.pyramid.empty() ? "" : ",", step.factor,
@@ -117,7 +129,7 @@ TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, s
   if (points == 0 && s.init_points == standard.init_points)
     s.init_points =
         static_cast<int>(std::min(static_cast<std::size_t>(s.cap_max / 2), pictures.random_points));
-  lengthen(s, iterations, points > 0 && !pictures.lone_object);
+  lengthen(s, iterations, points > 0 && !pictures.lone_object, pictures);
   if (moves(s) && is_free(s, "lr_cooldown", s.lr_cooldown, fast_settings().lr_cooldown))
     s.lr_cooldown = kMovingCooldown;
   if (is_free(s, "opacity_reg", s.opacity_reg, standard.opacity_reg))

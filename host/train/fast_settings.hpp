@@ -26,6 +26,8 @@ struct PictureFacts {
   bool lone_object = false;              // the images show an object in front of a plain background
   bool few_photographs = false;          // a small number of images, which a model overfits quickly
   bool wide_images = false;              // the views are parts of wide images
+  std::size_t views = 0;                 // number of training views; 0: unknown
+  double pixels = 0;                     // median number of pixels of a view; 0: unknown
 };
 
 // Returns the settings of a run of `iterations` iterations that starts with `initial` splats (0: they are

@@ -417,7 +417,7 @@ TEST_CASE("without --iterations and --budget, a run ends after 16 000 iterations
   const TempFolder folder;
   put_scene(folder / "data", 64, 8, 1);
   CHECK_THAT(said_at_begin(folder, "data --dim 6 --out whole --cap-max 100 --init-points 50"),
-             Contains("iterations in 15 min, at most 100 splats") &&
+             Contains(" that are left of 15 min, at most 100 splats") &&
                  Contains("--iterations 30000 for the published schedule"));
   CHECK_THAT(get(folder / "whole/config.yaml"), Contains("\npyramid: '") && Contains("\ncap_max: 100 "));
 }

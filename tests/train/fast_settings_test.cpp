@@ -60,6 +60,14 @@ TEST_CASE("fast settings: a run refines as often as the published one, and grows
   CHECK(fast_settings_for(fast_settings(), 2000, 9000).opacity_reg == 0.01);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.few_photographs = true}).opacity_reg == 0.02);
   CHECK(fast_settings_for(fast_settings(), 2000, 9000, {.wide_images = true}).opacity_reg == 0);
+  // Large images, and images that are used only a few times, are in full size for less of the work.
+  const auto pyramid = [](int iterations, std::size_t views, double pixels) {
+    return fast_settings_for(fast_settings(), iterations, 9000, {.views = views, .pixels = pixels}).pyramid;
+  };
+  CHECK(pyramid(2000, 100, 5e5) == "4:0.5,2:0.8");
+  CHECK(pyramid(2000, 100, 2e6) == "4:0.5,2:0.95");
+  CHECK(pyramid(390, 100, 5e5) == "4:0.7,2:0.95");
+  CHECK(pyramid(8000, 100, 2e6) == "4:0.25,2:0.47");
   chosen.chosen = {"opacity_reg"};
   CHECK(fast_settings_for(chosen, 2000, 9000, {.wide_images = true}).opacity_reg == 0.01);
   CHECK(fast_settings_for(chosen, 2000, 9000, {.few_photographs = true}).opacity_reg == 0.01);
