@@ -22,7 +22,7 @@ constexpr double kLeastBudget = 0.5;  // [s]; measuring steps and kMinIterations
 
 // Initial points that are looked for per second of the budget
 // (docs/results/2026-11-29-time-before-training.md).
-constexpr double kFoundPerSecond = 625;
+constexpr double kFoundPerSecond = 1000;
 
 // With --budget, the returned settings are those of fast runs. Without --budget and --iterations, the
 // settings of fast runs replace the returned ones as soon as the data are known.

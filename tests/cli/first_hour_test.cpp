@@ -320,7 +320,7 @@ TEST_CASE("splats start where the images agree, and config.yaml reproduces this"
              Contains("initial points found by comparing images") && Contains("begins   1200 splats"));
   ubs_ok(folder, "train data --spec a/config.yaml --out b");
   CHECK(get(folder / "a/model.ply") == get(folder / "b/model.ply"));
-  CHECK_THAT(get(folder / "a/config.yaml"), Contains("\nfind_points: 12500"));  // a short budget finds fewer
+  CHECK_THAT(get(folder / "a/config.yaml"), Contains("\nfind_points: 20000"));  // a short budget finds fewer
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out g --iterations 1 --set find_points=0").out,
              !Contains("initial points found"));
   CHECK_THAT(ubs_ok(folder, "train data --dim 3 --out c --iterations 1 --init-points 70").out,
