@@ -397,8 +397,10 @@ int run(const TrainOptions& options) {
   InterruptGuard guard(run.budget.seconds > 0);
   begin(start, folder, trainer, options.talkative());
   const double preparation = since_start.seconds();
-  if (!start.checkpoint) run.budget.spent = spent();
-  if (run.budget.seconds > 0) trainer.keep_to(run.budget);
+  if (run.budget.seconds > 0) {
+    if (!start.checkpoint) run.budget.spent = spent();
+    trainer.keep_to(run.budget);
+  }
   if (start.checkpoint && !options.start.budget.empty() && start.checkpoint->is_finished())
     trainer.go_on_for(run.budget.seconds - trainer.seconds());
   if (!settings.chosen.contains("eval_every")) trainer.sample_test();

@@ -21,7 +21,7 @@ constexpr float kCornerSize = 3;         // [px] size of the descriptor of a den
 constexpr int kFeatures = 3000, kOctaveLayers = 3;
 // OpenCV's default is 0.04, which gives too few features in small images.
 constexpr double kFeatureContrast = 0.005;
-constexpr double kCell = 16;  // [px] side of the cells that corners are sorted into
+constexpr double kCell = 16;  // [px of the searched image] side of the cells that corners are sorted into
 // Maximum ratio of the distances of the best and the second best descriptor in the band.
 constexpr float kRatio = 0.85f;
 

@@ -131,14 +131,12 @@ BudgetedRun choose_iterations(TimeBudget budget, const TrainSettings& base, cons
   if (least > budget.seconds)
     fail(ErrorKind::usage,
          "the minimum of {} iterations would take {:.3g} s, which exceeds the budget of {:.3g} s: increase "
-         "the "
-         "budget, or reduce the images with downscale",
+         "the budget, or reduce the images with downscale",
          kMinIterations, least, budget.seconds);
   if (budget.spent + least > budget.seconds) {
     warn(
         "{:.3g} s of the budget of {:.3g} s passed before the first iteration, and the minimum of {} "
-        "iterations "
-        "takes {:.3g} s more",
+        "iterations takes {:.3g} s more",
         budget.spent, budget.seconds, kMinIterations, least);
     budget.seconds = budget.spent + least;
   }

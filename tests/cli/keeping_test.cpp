@@ -156,8 +156,9 @@ TEST_CASE("cli: a budget becomes settings that repeat the run") {
   CHECK(preparation > 0);
   CHECK(preparation <= metrics["preparation_seconds"].get<double>());
   CHECK(preparation < metrics["seconds"].get<double>());
-  // A run with the recorded settings gives the same result.
+  // A run with the recorded settings gives the same result. Its time is that of training alone.
   ubs_ok(folder, "train --data data --out again --spec run/config.yaml --quiet");
+  CHECK_FALSE(json::parse(get(folder / "again/metrics.json"))["minutes"]["stages"].contains("preparation"));
   const bool same = get(folder / "run/model.ply") == get(folder / "again/model.ply");
   CHECK(same);
   // The recorded settings are only valid with the run's own number of iterations.
