@@ -39,6 +39,10 @@ TEST_CASE("accuracy: the table is printed and written") {
   for (const char* stage : {"forward", "iteration", "project_forward", "lists + raster_forward", "image_loss",
                             "raster_backward", "project_backward"})
     CHECK(results[0].at("stages").at(stage).at("median_ms") > 0);
+  const double contributions = results[0].at("contributions_per_pixel").get<double>();
+  CHECK((contributions > 0.1 && contributions < 600));  // of 600 splats
+  CHECK(results[1].at("contributions_per_pixel") == contributions);
+  CHECK_FALSE(results[2].contains("contributions_per_pixel"));
   CHECK_THAT(results[2].at("note").get<std::string>(), Contains("rot_mode = quaternion"));
   CHECK_THAT(get(folder / "a/accuracy.csv"), Contains("\nfast,same,6,glossy,"));
 }

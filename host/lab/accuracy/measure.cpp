@@ -112,6 +112,7 @@ void Measurement::prepare(const Configuration& configuration) {
     const KernelConfig config = kernel_config(entry.problem->model.dim, variant, settings, device_.info());
     entry.run = std::make_unique<check::StageRun>(device_, config, *entry.problem);
     const TruthEntry& truth = truth_of(configuration);
+    result.contributions = truth.whole.contributions;
     check::ErrorSum image;
     image.add(entry.run->image(), truth.whole.image);
     result.stages.push_back({{"forward", {{"image", image.errors()}}}});

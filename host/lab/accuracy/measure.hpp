@@ -22,7 +22,8 @@ struct Result {
   std::string form, truth;  // Configuration::label, truth_name()
   int dim = 0;              // N
   std::string scene, device;
-  std::string note;  // not empty: the reason why the configuration does not run here
+  std::string note;          // not empty: the reason why the configuration does not run here
+  double contributions = 0;  // Truth::contributions
   // "forward" has the error of the image. "iteration" (forward, loss, backward; no update) has the errors of
   // the gradients by parameter group. For "iteration", the exact image gradient is used as input, because the
   // sign of L1 is arbitrary where image and target agree within rounding. If the truth has the same variant,

@@ -71,7 +71,10 @@ Json table_json(std::span<const Result> results) {
   Json all = Json::array();
   for (const Result& r : results) {
     Json json{{"form", r.form}, {"truth", r.truth}, {"dim", r.dim}, {"scene", r.scene}, {"device", r.device}};
-    if (!r.note.empty()) json["note"] = r.note;
+    if (!r.note.empty())
+      json["note"] = r.note;
+    else
+      json["contributions_per_pixel"] = r.contributions;
     for (const TimedErrors& s : r.stages) {
       Json& stage = json["stages"][s.stage] = {{"median_ms", s.ms}};
       for (const check::NamedErrors& e : s.quantities)

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <span>
+#include <utility>
 
 #include "host/lab/oracle/oracle_stages.hpp"
 #include "kernels/layout.h"
@@ -119,7 +121,10 @@ Truth compute_truth(const Problem& p) {
   const std::vector<double> target = as_double(p.target);
   const oracle::Frame frame(oracle::project(model, p.camera, options), options);
   Truth truth;
-  truth.image = oracle::render_frame(frame, p.camera, options).image;
+  oracle::Render render = oracle::render_frame(frame, p.camera, options);
+  truth.image = std::move(render.image);
+  truth.contributions = std::accumulate(render.contributors.begin(), render.contributors.end(), 0.0) /
+                        static_cast<double>(render.contributors.size());
   truth.loss = loss_of(truth.image, target, p);
   truth.v_image = image_gradient(p, truth.image, target);
   const auto v = oracle::footprint_gradients(frame, p.camera, options, truth.v_image);

@@ -24,6 +24,7 @@ struct Truth {
   std::vector<double> v_image;   // d loss / d image
   std::vector<double> gradient;  // in the layout of the model
   double loss = 0;
+  double contributions = 0;  // mean number of splats that are composited in a pixel
 };
 
 oracle::Options oracle_options(const Problem& problem);
