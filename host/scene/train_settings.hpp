@@ -56,9 +56,9 @@ struct TrainSettings : ReadSettings {
   int dim = 6;  // 3 | 4 (xyz + t) | 6 (+ view direction) | 7 (+ direction + t) ... 11 | kAutoInt
   // Number of random initial splats if the data contain no points; auto: by the size of the images.
   int init_points = kAutoInt;
-  int find_points = 75000;       // initial points that are looked for in the images
   double init_extent = kAuto;    // random points are in [-init_extent, init_extent]^3; auto: by the cameras
   int cap_max = 300000;          // maximum number of splats; more initial points are thinned out
+  int find_points = 75000;       // initial points that are looked for in the images
   double beta_dir_init = kAuto;  // raw direction betas; auto: 0, but -3 for N = 7
   double beta_query_init = 0;    // raw betas of time and further query values
   double unit = kAuto;           // length of the data that is 1 in training (host/scene/scene_unit.hpp)
