@@ -20,14 +20,13 @@ struct Triangulation {
   double brightness_ratio = 1;
 };
 
-// Finds corners (SIFT descriptors) in at most `images` evenly chosen views and matches them between neighbours
-// along the epipolar lines of their cameras. Each point is placed where its two rays meet; if several pairs
-// show the same point, the pair with the widest angle is used.
-// Then adds about `between` random pixels, or fewer if large parts of the images have no texture. The depth
-// of such a pixel is searched in the range of the corners around it, and is the one at which the pixel's
-// surroundings agree best with two neighbouring images.
-// Returns nothing if the images have no texture, if the scene moves, or in a build without OpenCV.
-// Deterministic: repeated calls with the same `seed` return the same points.
+// Finds corners (SIFT descriptors) in at most `images` evenly chosen views and matches them between
+// neighbours along the epipolar lines of their cameras. Each point is placed where its two rays meet; if
+// several pairs show the same point, the pair with the widest angle is used. Then adds about `between` random
+// pixels, or fewer if large parts of the images have no texture. The depth of such a pixel is searched in the
+// range of the corners around it, and is the one at which the pixel's surroundings agree best with two
+// neighbouring images. Returns nothing if the images have no texture, if the scene moves, or in a build
+// without OpenCV. Deterministic: repeated calls with the same `seed` return the same points.
 Triangulation triangulate(std::span<const View> views, std::size_t images, std::size_t between,
                           std::uint64_t seed);
 
