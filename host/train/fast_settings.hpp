@@ -31,9 +31,9 @@ struct PictureFacts {
 };
 
 // Returns the settings of a run of `iterations` iterations that starts with `initial` splats (0: they are
-// placed at random). It sets learning rates, the maximum number of splats, refinement and growth. Values that
-// differ from the default schedule, and the settings named in TrainSettings::chosen, were chosen by the user
-// and are not changed.
+// placed at random). It sets learning rates, the maximum number of splats, the image pyramid, refinement and
+// growth. Values that differ from the default schedule, and the settings named in TrainSettings::chosen, were
+// chosen by the user and are not changed.
 TrainSettings fast_settings_for(const TrainSettings& settings, int iterations, std::size_t initial,
                                 const PictureFacts& pictures = {});
 // Returns the number of splats that such a run starts with.

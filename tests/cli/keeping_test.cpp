@@ -44,15 +44,7 @@ void synthesise(const TempFolder& folder) { put_scene(folder / "data", 32, 8, 2)
 
 TEST_CASE("cli: views of wide images have no opacity penalty unless the user sets one") {
   const TempFolder folder;
-  json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", json::array()}};
-  for (int i = 0; i < 3; ++i) {
-    const std::string name = fmt::format("{}.png", i);
-    test::put_image(folder / "data" / name, 128, 64, 40 * i);
-    data["frames"].push_back(
-        {{"file_path", name},
-         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}});
-  }
-  put(folder / "data/transforms.json", data.dump());
+  test::put_panoramas(folder / "data", 3);
   const auto penalty = [&](const std::string& out) {
     return json::parse(get(folder / out / "metrics.json"))["settings"]["opacity_reg"].get<double>();
   };

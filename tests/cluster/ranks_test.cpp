@@ -233,20 +233,11 @@ TEST_CASE(
 
 TEST_CASE("ranks: wide images are measured in their own lens") {
   const TempFolder folder;
-  json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", json::array()}};
-  for (int i = 0; i < 4; ++i) {
-    const std::string name = fmt::format("{}.png", i);
-    test::put_image(folder / "data" / name, 128, 64, 40 * i);
-    data["frames"].push_back(
-        {{"file_path", name},
-         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}});
-  }
-  test::put(folder / "data/transforms.json", data.dump());
+  test::put_panoramas(folder / "data", 4);
   // Measures before the last iteration too, so that training goes on after other cameras were rendered.
   const std::string train =
       "train data --dim 6 --batch 4 --init-points 300 --cap-max 300 --iterations 40 --test-every 2 "
-      "--eval-every 20 "
-      "--appearance gain --save-renders 0 --quiet --out ";
+      "--eval-every 20 --appearance gain --save-renders 0 --quiet --out ";
   ubs_ok(folder, train + "one");
   CHECK(metrics(folder, "one")["test"]["wide_images"].size() == 2);
   ranks_ok(folder, 2, train + "two");

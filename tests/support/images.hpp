@@ -4,7 +4,10 @@
 #pragma once
 
 #include <cmath>
+#include <nlohmann/json.hpp>
+#include <string>
 
+#include "host/base/json.hpp"
 #include "host/data/image.hpp"
 #include "tests/support/temp_folder.hpp"
 
@@ -23,6 +26,19 @@ inline Image8 gradient_image(int width, int height, int shift = 0) {
 inline void put_image(const std::filesystem::path& path, int width, int height, int shift = 0) {
   std::filesystem::create_directories(path.parent_path());
   save_png(path, gradient_image(width, height, shift));
+}
+
+// Writes a data folder of panoramas of 128x64 pixels, whose positions are 0.1 apart.
+inline void put_panoramas(const std::filesystem::path& folder, int count) {
+  Json data{{"camera_model", "EQUIRECTANGULAR"}, {"w", 128}, {"h", 64}, {"frames", Json::array()}};
+  for (int i = 0; i < count; ++i) {
+    const std::string name = std::to_string(i) + ".png";
+    put_image(folder / name, 128, 64, 40 * i);
+    data["frames"].push_back(
+        {{"file_path", name},
+         {"transform_matrix", {{1, 0, 0, 0.1 * i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}});
+  }
+  put(folder / "transforms.json", data.dump());
 }
 
 // Returns the mean absolute difference per sample, or -1 if the sizes differ.
